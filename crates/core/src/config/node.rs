@@ -1,0 +1,449 @@
+//! A table of a user's file with its place.
+
+use super::ConfigError;
+use super::overrides::Override;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use toml::Spanned;
+
+pub(super) type Value<'a> = toml::de::DeValue<'a>;
+pub(super) type Table<'a> = toml::de::DeTable<'a>;
+
+/// Files above this size are not configuration.
+const MAX_FILE_BYTES: u64 = 16 * 1024 * 1024;
+
+/// One table as it was understood: with every default filled in.
+#[derive(Clone, Debug)]
+pub struct Resolved {
+    /// The file it came from.
+    pub file: String,
+    /// Path of keys.
+    pub path: String,
+    /// All keys with their values.
+    pub values: toml::Table,
+    /// Keys that the file sets; the others are defaults.
+    pub set: Vec<String>,
+}
+
+/// What was parsed so far, in order. Shared by all nodes of a scenario.
+#[derive(Clone, Debug, Default)]
+pub struct ResolvedLog(Arc<Mutex<Vec<Resolved>>>);
+
+impl ResolvedLog {
+    /// The tables parsed so far.
+    pub fn entries(&self) -> Vec<Resolved> {
+        // A poisoned lock means another thread panicked while pushing; what was pushed is still whole.
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
+    }
+
+    fn push(&self, entry: Resolved) {
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(entry);
+    }
+}
+
+/// The text that positions point into: a file, and behind it the overrides.
+#[derive(Debug)]
+struct Source {
+    file: String,
+    folder: PathBuf,
+    text: String,
+    /// Start of each override's text (positions count on behind the file's), and the text.
+    overrides: Vec<(usize, String)>,
+}
+
+impl Source {
+    /// Parses the text and applies the overrides. Values borrow from the text, so a node keeps the way to its value and
+    /// not the value; configuration is small and read once.
+    fn with_root<R>(
+        &self,
+        then: impl FnOnce(&Spanned<Value<'_>>) -> Result<R, ConfigError>,
+    ) -> Result<R, ConfigError> {
+        let table = toml::de::DeTable::parse(&self.text).map_err(|error| ConfigError {
+            file: self.file.clone(),
+            position: error.span().map(|span| line_and_column(&self.text, span.start)),
+            key: String::new(),
+            message: error.message().to_owned(),
+        })?;
+        let mut root = Spanned::new(table.span(), Value::Table(table.into_inner()));
+        for (base, text) in &self.overrides {
+            Override::parse(text)?.apply(&mut root, *base)?;
+        }
+        then(&root)
+    }
+}
+
+/// One step from a table or an array to a value in it.
+#[derive(Clone, Debug)]
+enum Step {
+    Key(String),
+    Index(usize),
+}
+
+/// A table (or any value) of a user's file.
+#[derive(Clone, Debug)]
+pub struct Node {
+    source: Arc<Source>,
+    steps: Vec<Step>,
+    path: String,
+    log: ResolvedLog,
+}
+
+impl Node {
+    /// Reads a TOML file.
+    ///
+    /// # Errors
+    /// [`ConfigError`]: the file cannot be read, or is not TOML (with line and column).
+    pub fn open(path: &Path) -> Result<Self, ConfigError> {
+        Self::open_with(path, &[])
+    }
+
+    /// Reads a TOML file and applies `key=value` overrides.
+    ///
+    /// # Errors
+    /// As [`Node::open`], or where an override does not apply.
+    pub fn open_with(path: &Path, overrides: &[String]) -> Result<Self, ConfigError> {
+        let file = path.display().to_string();
+        let refuse = |message: String| ConfigError {
+            file: file.clone(),
+            position: None,
+            key: String::new(),
+            message,
+        };
+        let size = std::fs::metadata(path).map_err(|e| refuse(format!("cannot be read: {e}")))?.len();
+        if size > MAX_FILE_BYTES {
+            return Err(refuse(format!("{size} bytes is too large for a TOML file (16 MiB at most)")));
+        }
+        let text = std::fs::read_to_string(path).map_err(|e| refuse(format!("cannot be read: {e}")))?;
+        let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
+        Self::parse_text(&text, &file, &folder, overrides)
+    }
+
+    /// Parses text as if it stood in `file` (its name for messages) in `folder` (for relative paths).
+    ///
+    /// # Errors
+    /// [`ConfigError`] with line and column.
+    pub fn parse_text(
+        text: &str,
+        file: &str,
+        folder: &Path,
+        overrides: &[String],
+    ) -> Result<Self, ConfigError> {
+        let mut starts = Vec::new();
+        let mut base = text.len() + 1;
+        for text in overrides {
+            starts.push((base, text.clone()));
+            base += text.len() + 1;
+        }
+        let source = Source {
+            file: file.to_owned(),
+            folder: folder.to_path_buf(),
+            text: text.to_owned(),
+            overrides: starts,
+        };
+        source.with_root(|_| Ok(()))?;
+        Ok(Self {
+            source: Arc::new(source),
+            steps: Vec::new(),
+            path: String::new(),
+            log: ResolvedLog::default(),
+        })
+    }
+
+    /// Hands the value to `then`; `None` where the user did not write it.
+    fn with_value<R>(&self, then: impl FnOnce(Option<&Spanned<Value<'_>>>) -> R) -> R {
+        let mut then = Some(then);
+        let result = self.source.with_root(|root| {
+            let mut value = Some(root);
+            for step in &self.steps {
+                value = value.and_then(|v| match step {
+                    Step::Key(key) => v.get_ref().as_table().and_then(|t| t.get(key.as_str())),
+                    Step::Index(index) => v.get_ref().as_array().and_then(|a| a.get(*index)),
+                });
+            }
+            Ok(then.take().map(|then| then(value)))
+        });
+        match (result, then) {
+            (Ok(Some(result)), _) => result,
+            // The same text parsed when this node was made, so this arm is for the compiler.
+            (_, Some(then)) => then(None),
+            _ => unreachable!("`then` runs once, in one of the arms above"),
+        }
+    }
+
+    /// Shares another node's log, so that a scenario and its models are resolved together.
+    pub fn with_log_of(mut self, other: &Self) -> Self {
+        self.log = other.log.clone();
+        self
+    }
+
+    /// What was parsed so far.
+    pub fn log(&self) -> &ResolvedLog {
+        &self.log
+    }
+
+    /// The file's name as messages print it.
+    pub fn file(&self) -> &str {
+        &self.source.file
+    }
+
+    /// The file's text.
+    pub fn text(&self) -> &str {
+        &self.source.text
+    }
+
+    /// Folder of the file: what relative paths in it are relative to.
+    pub fn folder(&self) -> &Path {
+        &self.source.folder
+    }
+
+    /// What a path in `key` is relative to: the file's folder, or the working folder where `--set` gave it.
+    pub fn folder_of(&self, key: &str) -> &Path {
+        let start = self.span_of(key).start;
+        if start > self.source.text.len() { Path::new("") } else { &self.source.folder }
+    }
+
+    /// Path of keys to this node.
+    pub fn path(&self) -> &str {
+        &self.path
+    }
+
+    /// Keys of this table, sorted.
+    pub fn keys(&self) -> Vec<String> {
+        self.with_value(|value| {
+            value
+                .and_then(|v| v.get_ref().as_table())
+                .map(|table| table.keys().map(|k| k.get_ref().to_string()).collect())
+                .unwrap_or_default()
+        })
+    }
+
+    /// The value under a key, `None` where it is not written.
+    pub fn child(&self, key: &str) -> Option<Self> {
+        let child = self.child_or_empty(key);
+        child.with_value(|value| value.is_some()).then_some(child)
+    }
+
+    /// The table under a key, or an empty one.
+    pub fn child_or_empty(&self, key: &str) -> Self {
+        self.step(Step::Key(key.to_owned()), join(&self.path, key))
+    }
+
+    /// The entries of the array under a key; none where it is not written.
+    ///
+    /// # Errors
+    /// [`ConfigError`] where the key holds something else.
+    pub fn children(&self, key: &str) -> Result<Vec<Self>, ConfigError> {
+        let Some(child) = self.child(key) else { return Ok(Vec::new()) };
+        let length = child.with_value(|value| value.and_then(|v| v.get_ref().as_array()).map(|a| a.len()));
+        let Some(length) = length else {
+            return Err(self.error_at(key, &format!("expected an array of tables: [[{key}]]")));
+        };
+        Ok((0..length).map(|i| child.step(Step::Index(i), format!("{}[{i}]", child.path))).collect())
+    }
+
+    fn step(&self, step: Step, path: String) -> Self {
+        let mut steps = self.steps.clone();
+        steps.push(step);
+        Self { source: self.source.clone(), steps, path, log: self.log.clone() }
+    }
+
+    /// Reads this table into a type and notes it, defaults included, in the log.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line, key and what is allowed.
+    pub fn parse<T: DeserializeOwned + Serialize>(&self) -> Result<T, ConfigError> {
+        let parsed: T = self.parse_quietly()?;
+        if let Ok(values) = toml::Table::try_from(&parsed) {
+            let (file, path) = (self.source.file.clone(), self.path.clone());
+            self.log.push(Resolved { file, path, values, set: self.keys() });
+        }
+        Ok(parsed)
+    }
+
+    /// As [`Node::parse`], without a note in the log.
+    ///
+    /// # Errors
+    /// As [`Node::parse`].
+    pub fn parse_quietly<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        let outcome = self.with_value(|value| {
+            let empty = Spanned::new(0..0, Value::Table(Table::new()));
+            let value = value.unwrap_or(&empty);
+            T::deserialize(toml::de::ValueDeserializer::from(value.clone())).map_err(|error| {
+                let key = error.span().and_then(|span| key_at(value, &span));
+                (error.span(), key, error.message().to_owned())
+            })
+        });
+        outcome.map_err(|(span, key, message)| {
+            let key = key.map_or(self.path.clone(), |inner| join(&self.path, &inner));
+            match span.filter(|_| self.is_written()) {
+                Some(span) => self.error_in(span.start, key, &message),
+                None => self.error_in(self.own_span().start, key, &message),
+            }
+        })
+    }
+
+    fn is_written(&self) -> bool {
+        self.with_value(|value| value.is_some())
+    }
+
+    /// Where this value stands; the nearest written table around it where it is not written.
+    fn own_span(&self) -> std::ops::Range<usize> {
+        let mut node = self.clone();
+        loop {
+            if let Some(span) = node.with_value(|value| value.map(Spanned::span)) {
+                return span;
+            }
+            if node.steps.pop().is_none() {
+                return 0..0;
+            }
+        }
+    }
+
+    /// This table as plain TOML, for manifests.
+    pub fn to_toml(&self) -> Option<toml::Table> {
+        self.parse_quietly().ok()
+    }
+
+    /// An error at a key of this table (or at the table, where the key is not written).
+    pub fn error_at(&self, key: &str, message: &str) -> ConfigError {
+        self.error_in(self.span_of(key).start, join(&self.path, key), message)
+    }
+
+    /// An error at this table.
+    pub fn error(&self, message: &str) -> ConfigError {
+        self.error_in(self.own_span().start, self.path.clone(), message)
+    }
+
+    fn span_of(&self, key: &str) -> std::ops::Range<usize> {
+        self.child_or_empty(key).own_span()
+    }
+
+    fn error_in(&self, offset: usize, key: String, message: &str) -> ConfigError {
+        let message = message.to_owned();
+        let set = self.source.overrides.iter().rev().find(|(start, _)| *start <= offset);
+        match set {
+            Some((_, text)) => {
+                ConfigError { file: format!("--set {text}"), position: None, key, message }
+            }
+            None => ConfigError {
+                file: self.source.file.clone(),
+                position: Some(line_and_column(&self.source.text, offset)),
+                key,
+                message,
+            },
+        }
+    }
+}
+
+fn join(path: &str, key: &str) -> String {
+    if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
+}
+
+/// Line and column, from 1, of a byte offset.
+fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
+    let mut end = offset.min(text.len());
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    let before = &text[..end];
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().map_or(0, |last| last.chars().count()) + 1;
+    (line, column)
+}
+
+/// The innermost key whose key or value covers a position.
+fn key_at(value: &Spanned<Value<'_>>, span: &std::ops::Range<usize>) -> Option<String> {
+    let covers = |outer: std::ops::Range<usize>| outer.start <= span.start && span.end <= outer.end;
+    match value.get_ref() {
+        Value::Table(table) => table.iter().find_map(|(key, item)| {
+            if covers(key.span()) {
+                return Some(key.get_ref().to_string());
+            }
+            let inner = key_at(item, span);
+            if let Some(inner) = inner {
+                return Some(format!("{}.{inner}", key.get_ref()));
+            }
+            covers(item.span()).then(|| key.get_ref().to_string())
+        }),
+        Value::Array(items) => items.iter().enumerate().find_map(|(i, item)| {
+            if let Some(inner) = key_at(item, span) {
+                return Some(format!("[{i}].{inner}"));
+            }
+            covers(item.span()).then(|| format!("[{i}]"))
+        }),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::quantity::Positive;
+    use serde::Deserialize;
+
+    #[derive(Debug, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Body {
+        radius_mm: Positive,
+        #[serde(default = "three")]
+        rings: u32,
+    }
+
+    fn three() -> u32 {
+        3
+    }
+
+    fn node(text: &str, overrides: &[&str]) -> Result<Node, ConfigError> {
+        let overrides: Vec<String> = overrides.iter().map(ToString::to_string).collect();
+        Node::parse_text(text, "s.toml", Path::new("folder"), &overrides)
+    }
+
+    #[test]
+    fn law_errors_name_file_line_key_and_what_is_allowed() {
+        let text = "[body]\n\nradius_mm = -1.0\n";
+        let error = node(text, &[]).unwrap().child("body").unwrap().parse::<Body>().unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "s.toml:3:13: `body.radius_mm`: -1 is not allowed here; it must be a finite number above 0"
+        );
+        let text = "[body]\nradius_mm = 5\nringz = 3\n";
+        let error = node(text, &[]).unwrap().child("body").unwrap().parse::<Body>().unwrap_err();
+        assert!(error.to_string().starts_with("s.toml:3:1: `body.ringz`: unknown field `ringz`"), "{error}");
+        assert!(error.to_string().contains("rings"), "{error}");
+        let error = node("a = [1,\n", &[]).unwrap_err();
+        assert!(error.to_string().starts_with("s.toml:"), "{error}");
+    }
+
+    #[test]
+    fn law_overrides_replace_and_keep_their_origin() {
+        let text = "[body]\nradius_mm = 5.0\n[[part]]\nname = \"a\"\nx = 1\n";
+        let root = node(text, &["body.radius_mm=7", "part.a.x=4", "body.rings = 9"]).unwrap();
+        let body: Body = root.child("body").unwrap().parse().unwrap();
+        assert_eq!((body.radius_mm.0, body.rings), (7.0, 9));
+        assert_eq!(root.children("part").unwrap()[0].to_toml().unwrap()["x"].as_integer(), Some(4));
+        let root = node(text, &["body.radius_mm=nan"]).unwrap();
+        let error = root.child("body").unwrap().parse::<Body>().unwrap_err();
+        assert!(error.to_string().starts_with("--set body.radius_mm=nan: `body.radius_mm`"), "{error}");
+        assert!(node(text, &["part.zz.x=1"]).unwrap_err().to_string().contains("a name: a"));
+        assert!(node(text, &["nonsense"]).is_err());
+    }
+
+    #[test]
+    fn law_paths_are_relative_to_who_names_them() {
+        let root = node("a = \"x.toml\"\nb = \"y.toml\"\n", &["b=z.toml"]).unwrap();
+        assert_eq!(root.folder_of("a"), Path::new("folder"));
+        assert_eq!(root.folder_of("b"), Path::new(""));
+    }
+
+    #[test]
+    fn law_the_log_tells_defaults_from_what_was_set() {
+        let root = node("[body]\nradius_mm = 5.0\n", &[]).unwrap();
+        let _: Body = root.child("body").unwrap().parse().unwrap();
+        let entry = &root.log().entries()[0];
+        assert_eq!(entry.path, "body");
+        assert_eq!(entry.set, vec!["radius_mm"]);
+        assert_eq!(entry.values["rings"].as_integer(), Some(3));
+    }
+}

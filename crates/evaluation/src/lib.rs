@@ -1,0 +1,5 @@
+//! Lumenav evaluation.
+pub mod error;
+pub mod pose_error;
+pub mod summary;
+pub mod trajectory;
