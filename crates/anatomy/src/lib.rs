@@ -1,1 +1,15 @@
-//! Skeleton.
+//! Anatomy: where the gut runs, how wide it is, what its wall does.
+//!
+//! A [`Tract`] is a chain of segments from mouth to anus along one [`CentreLine`], with a [`RadiusProfile`]. Tracts come
+//! from files ([`tract_file`]): point lists, centre-line CSVs, analytic shapes; and from a seeded generator
+//! ([`generator`]) whose lengths, radii and bends match those measured in people. Everything is in the *torso* frame:
+//! right-handed, RAS+ (x right, y anterior, z superior), metres, arc lengths from the oral end.
+
+pub mod centre_line;
+pub mod error;
+pub mod segment;
+mod spline;
+
+pub use centre_line::{CentreLine, Projection, Station};
+pub use error::AnatomyError;
+pub use segment::{Landmark, Segment, SegmentKey, Wall, WallTable};

@@ -357,8 +357,7 @@ impl WithSimd for BlockBatch<'_> {
         let (axial_dz, _) = S::as_mut_simd_f64s(&mut block.axial_dz);
         let (radial_dz, _) = S::as_mut_simd_f64s(&mut block.radial_dz_over_rho);
         for (index, (&rho2, &z)) in rho2.iter().zip(z).enumerate() {
-            let kernel =
-                field::<Lanes<S>, true>(self.constants, Lanes::new(simd, rho2), Lanes::new(simd, z));
+            let kernel = field::<Lanes<S>, true>(self.constants, Lanes::new(simd, rho2), Lanes::new(simd, z));
             radial[index] = kernel.radial_over_rho.values;
             axial[index] = kernel.axial.values;
             axial_dz[index] = kernel.axial_dz.values;

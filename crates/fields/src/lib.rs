@@ -18,6 +18,11 @@
 //!
 //! Not covered: soft-magnetic parts, eddy currents, retardation, transversely magnetised cylinders.
 
+#![allow(
+    clippy::inline_always,
+    reason = "code that runs in SIMD registers has to be inlined into the function that enables them"
+)]
+
 pub mod cylinder;
 pub mod dipole;
 pub mod elliptic;

@@ -62,14 +62,8 @@ fn reduced_coefficient(radius_m: f64, half_length_m: f64, remanence_tesla: f64, 
 }
 
 /// The reduced coefficients of degrees 1, 3, ..., 17.
-pub(crate) fn reduced_coefficients(
-    radius_m: f64,
-    half_length_m: f64,
-    remanence_tesla: f64,
-) -> [f64; TERMS] {
-    std::array::from_fn(|index| {
-        reduced_coefficient(radius_m, half_length_m, remanence_tesla, 2 * index + 1)
-    })
+pub(crate) fn reduced_coefficients(radius_m: f64, half_length_m: f64, remanence_tesla: f64) -> [f64; TERMS] {
+    std::array::from_fn(|index| reduced_coefficient(radius_m, half_length_m, remanence_tesla, 2 * index + 1))
 }
 
 /// The series over [`Real`]; see the head of the file.

@@ -32,10 +32,7 @@ pub fn dipole_in_field(
     flux_tesla: &Vector3<f64>,
     gradient_tesla_per_m: &Matrix3<f64>,
 ) -> Wrench {
-    Wrench {
-        force_n: gradient_tesla_per_m.tr_mul(moment_a_m2),
-        torque_n_m: moment_a_m2.cross(flux_tesla),
-    }
+    Wrench { force_n: gradient_tesla_per_m.tr_mul(moment_a_m2), torque_n_m: moment_a_m2.cross(flux_tesla) }
 }
 
 /// [`dipole_in_field`] with what [`crate::FieldSource::flux_and_jacobian`] returns.

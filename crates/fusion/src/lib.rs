@@ -1,1 +1,21 @@
-//! Skeleton.
+//! Filters that fuse measurements of any modality into one belief about the capsule.
+//!
+//! A filter knows the seam (`lumenav-core`) and nothing else: no sensor, no anatomy, no truth. It consumes
+//! [`Measurement`](lumenav_core::Measurement)s in any order of arrival and keeps a belief over pose, velocity, angular
+//! rate, run-time nuisance blocks and stochastic clones.
+//!
+//! [`Eskf`] is the error-state extended Kalman filter. The crate's rooms: [`belief`] (state, covariance, prediction),
+//! [`update`] (one low-rank update for residual and information form alike), [`gate`] (chi-square), [`eskf`] (the event
+//! log: delays, replay, start, loss and re-acquisition), [`options`] (what a user may set).
+
+pub mod belief;
+pub mod eskf;
+pub mod gate;
+pub mod motion;
+pub mod options;
+pub mod update;
+
+pub use belief::Belief;
+pub use eskf::{Counters, Eskf, Offered, Refused, Verdict};
+pub use motion::MotionModel;
+pub use options::{EskfOptions, PriorOptions};

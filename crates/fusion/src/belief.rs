@@ -1,0 +1,372 @@
+//! What the filter believes: a nominal state, the covariance of its error, and the time.
+//!
+//! Error columns, in this order: `[δp_world, δθ_capsule, δv_world, δω_capsule, blocks…, clones…]`; blocks in the order in
+//! which they were asked for, clones (6 columns each, `[δp_world, δθ_capsule]` of an earlier pose) by time.
+//!
+//! Prediction over Δt, with `Φ_θ = Exp(-ω g)` and `J = J_r(ω g)` for the gain g of [`AxisStep`]:
+//!
+//! ```text
+//! p' = p + g v      δp' = δp + g δv           R' = R Exp(ω g)   δθ' = Φ_θ δθ + g J δω
+//! v' = φ v          δv' = φ δv                ω' = φ ω          δω' = φ δω
+//! ```
+//!
+//! The transition differs from the identity in 12 columns only, so it is applied to rows and columns of the covariance in
+//! place; its cost grows linearly with the number of blocks and clones.
+
+use crate::motion::{AxisStep, MotionModel};
+use lumenav_core::pose::{exp_so3, right_jacobian_so3, renormalize};
+use lumenav_core::{
+    BlockSpec, FixKind, Instant, MotionSample, Name, NominalState, Part, PoseEstimate, SimTime,
+};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Matrix6, MatrixXx3, Vector3};
+
+/// First column of the pose, velocity and rate parts, and the number of columns of a state without blocks.
+pub const POSE: usize = 0;
+/// See [`POSE`].
+pub const VELOCITY: usize = 6;
+/// See [`POSE`].
+pub const RATE: usize = 9;
+/// See [`POSE`].
+pub const CORE: usize = 12;
+
+/// An attitude direction with a larger standard deviation than this (rad) is reported as unknown.
+const KNOWN_ATTITUDE_SIGMA_RAD: f64 = 0.5;
+
+/// A Gaussian belief on SO(3) x R³ x R³ x R³ x blocks x clones.
+#[derive(Clone, Debug)]
+pub struct Belief {
+    /// The instant.
+    pub at: SimTime,
+    /// Nominal state.
+    pub state: NominalState,
+    /// Covariance of the error.
+    pub covariance: DMatrix<f64>,
+    /// Blocks in the order of their columns, with their random walks.
+    blocks: Vec<BlockSpec>,
+}
+
+impl Belief {
+    /// A start from a pose; what the fix does not know starts as uniform as a Gaussian can be.
+    pub fn start(at: SimTime, fix: &PoseEstimate, velocity_sigma_m_s: f64, rate_sigma_rad_s: f64) -> Self {
+        // Standard deviation of an angle that is uniform on the circle.
+        let unknown_rad2 = std::f64::consts::PI.powi(2) / 3.0;
+        let mut covariance = DMatrix::zeros(CORE, CORE);
+        covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(&fix.covariance);
+        match fix.kind {
+            FixKind::Full => {}
+            FixKind::Pointing => covariance[(3, 3)] += unknown_rad2,
+            FixKind::Position => (3..6).for_each(|i| covariance[(i, i)] += unknown_rad2),
+        }
+        for i in 0..3 {
+            covariance[(VELOCITY + i, VELOCITY + i)] = velocity_sigma_m_s.powi(2);
+            covariance[(RATE + i, RATE + i)] = rate_sigma_rad_s.powi(2);
+        }
+        Self { at, state: NominalState::at_rest(fix.world_from_capsule), covariance, blocks: Vec::new() }
+    }
+
+    /// Number of error columns.
+    pub fn dimension(&self) -> usize {
+        self.covariance.nrows()
+    }
+
+    /// First column and width of a part; `None` where the state does not hold it.
+    pub fn columns(&self, part: &Part) -> Option<(usize, usize)> {
+        match part {
+            Part::Pose(Instant::Now) => Some((POSE, 6)),
+            Part::Velocity => Some((VELOCITY, 3)),
+            Part::AngularRate => Some((RATE, 3)),
+            Part::Block(name) => {
+                let mut start = CORE;
+                for block in &self.blocks {
+                    if block.name == *name {
+                        return Some((start, block.initial.len()));
+                    }
+                    start += block.initial.len();
+                }
+                None
+            }
+            Part::Pose(Instant::Clone(at)) => {
+                let index = self.state.clones.keys().position(|time| time == at)?;
+                Some((self.first_clone_column() + 6 * index, 6))
+            }
+        }
+    }
+
+    fn first_clone_column(&self) -> usize {
+        CORE + self.blocks.iter().map(|block| block.initial.len()).sum::<usize>()
+    }
+
+    /// Adds a nuisance block, once; independent of the rest.
+    pub fn add_block(&mut self, spec: &BlockSpec) {
+        if self.blocks.iter().any(|block| block.name == spec.name) {
+            return;
+        }
+        let at = self.first_clone_column();
+        let width = spec.initial.len();
+        self.insert_columns(at, width);
+        for i in 0..width {
+            self.covariance[(at + i, at + i)] = spec.initial_sigma[i].powi(2);
+        }
+        self.state.blocks.insert(spec.name.clone(), spec.initial.clone());
+        self.blocks.push(spec.clone());
+    }
+
+    /// Keeps a copy of the pose of this instant, fully correlated with the pose now (stochastic cloning: Roumeliotis and
+    /// Burdick 2002).
+    pub fn clone_pose(&mut self) {
+        if self.state.clones.contains_key(&self.at) {
+            return;
+        }
+        self.state.clones.insert(self.at, self.state.world_from_capsule);
+        // Just inserted, so it is there; clones are ordered by time and this one is the newest unless a replay went back.
+        let Some((at, _)) = self.columns(&Part::Pose(Instant::Clone(self.at))) else { return };
+        self.insert_columns(at, 6);
+        for i in 0..6 {
+            let column = self.covariance.column(POSE + i).into_owned();
+            self.covariance.set_column(at + i, &column);
+        }
+        for i in 0..6 {
+            let row = self.covariance.row(POSE + i).into_owned();
+            self.covariance.set_row(at + i, &row);
+        }
+    }
+
+    /// Drops the clones that nobody wants any more.
+    pub fn retain_clones(&mut self, wanted: &dyn Fn(SimTime) -> bool) {
+        let unwanted: Vec<SimTime> = self.state.clones.keys().copied().filter(|at| !wanted(*at)).collect();
+        for at in unwanted {
+            if let Some((start, width)) = self.columns(&Part::Pose(Instant::Clone(at))) {
+                let covariance = std::mem::replace(&mut self.covariance, DMatrix::zeros(0, 0));
+                self.covariance = covariance.remove_columns(start, width).remove_rows(start, width);
+            }
+            self.state.clones.remove(&at);
+        }
+    }
+
+    fn insert_columns(&mut self, at: usize, width: usize) {
+        let covariance = std::mem::replace(&mut self.covariance, DMatrix::zeros(0, 0));
+        self.covariance = covariance.insert_columns(at, width, 0.0).insert_rows(at, width, 0.0);
+    }
+
+    /// Moves on to `to` (not before the belief's own time).
+    pub fn predict(&mut self, to: SimTime, motion: &MotionModel) {
+        let dt_s = to.since_s(self.at);
+        if dt_s <= 0.0 {
+            return;
+        }
+        let rotation = motion.rotation(dt_s);
+        let turn = self.state.angular_rate_capsule_rad_s * rotation.gain_s;
+        self.turn(&turn, &(right_jacobian_so3(&turn) * rotation.gain_s), rotation.decay);
+        self.add_axis_noise(3, RATE, &rotation);
+        self.state.angular_rate_capsule_rad_s *= rotation.decay;
+        self.translate(dt_s, motion);
+        self.walk_blocks(dt_s);
+        self.at = to;
+    }
+
+    /// Moves on to `to` with the angular rate that an inertial sensor measured; `δω` then is the sensor's own noise.
+    pub fn predict_with_rate(&mut self, to: SimTime, motion: &MotionModel, sample: &MotionSample) {
+        let dt_s = to.since_s(self.at);
+        if dt_s <= 0.0 {
+            return;
+        }
+        let turn = sample.angular_rate_capsule_rad_s * dt_s;
+        let jacobian = right_jacobian_so3(&turn) * dt_s;
+        // The old rate says nothing once it is measured: gain and decay 0.
+        self.turn(&turn, &Matrix3::zeros(), 0.0);
+        let bias = sample.bias.as_ref().and_then(|(name, matrix)| {
+            self.columns(&Part::Block(name.clone())).map(|columns| (columns, matrix))
+        });
+        if let Some(((start, width), matrix)) = bias {
+            // δθ' gains J (∂ω/∂b) δb and δω' = (∂ω/∂b) δb: rows, then columns.
+            let of_rate: Matrix3xX<f64> = matrix.fixed_rows::<3>(0).into_owned();
+            let of_angle: Matrix3xX<f64> = jacobian * &of_rate;
+            let rows = self.covariance.rows(start, width).into_owned();
+            self.add_rows(3, &(&of_angle * &rows));
+            self.add_rows(RATE, &(&of_rate * &rows));
+            let columns = self.covariance.columns(start, width).into_owned();
+            self.add_columns(3, &(&columns * of_angle.transpose()));
+            self.add_columns(RATE, &(&columns * of_rate.transpose()));
+        }
+        let angle_noise = jacobian * sample.covariance * jacobian.transpose();
+        let cross = jacobian * sample.covariance;
+        add_block(&mut self.covariance, 3, 3, &angle_noise);
+        add_block(&mut self.covariance, RATE, RATE, &sample.covariance);
+        add_block(&mut self.covariance, 3, RATE, &cross);
+        add_block(&mut self.covariance, RATE, 3, &cross.transpose());
+        self.state.angular_rate_capsule_rad_s = sample.angular_rate_capsule_rad_s;
+        self.translate(dt_s, motion);
+        self.walk_blocks(dt_s);
+        self.at = to;
+    }
+
+    /// Rotates the nominal attitude by `turn` and carries `[δθ, δω]` along.
+    fn turn(&mut self, turn: &Vector3<f64>, of_rate: &Matrix3<f64>, decay: f64) {
+        let step = exp_so3(turn);
+        let pose = &mut self.state.world_from_capsule;
+        pose.rotation = renormalize(pose.rotation * step);
+        let back = step.inverse().to_rotation_matrix().into_inner();
+        let n = self.dimension();
+        for j in 0..n {
+            let theta = Vector3::new(self.covariance[(3, j)], self.covariance[(4, j)], self.covariance[(5, j)]);
+            let rate = Vector3::new(
+                self.covariance[(RATE, j)],
+                self.covariance[(RATE + 1, j)],
+                self.covariance[(RATE + 2, j)],
+            );
+            let moved = back * theta + of_rate * rate;
+            for i in 0..3 {
+                self.covariance[(3 + i, j)] = moved[i];
+                self.covariance[(RATE + i, j)] = decay * rate[i];
+            }
+        }
+        for j in 0..n {
+            let theta = Vector3::new(self.covariance[(j, 3)], self.covariance[(j, 4)], self.covariance[(j, 5)]);
+            let rate = Vector3::new(
+                self.covariance[(j, RATE)],
+                self.covariance[(j, RATE + 1)],
+                self.covariance[(j, RATE + 2)],
+            );
+            let moved = back * theta + of_rate * rate;
+            for i in 0..3 {
+                self.covariance[(j, 3 + i)] = moved[i];
+                self.covariance[(j, RATE + i)] = decay * rate[i];
+            }
+        }
+    }
+
+    fn translate(&mut self, dt_s: f64, motion: &MotionModel) {
+        let step = motion.translation(dt_s);
+        let velocity = self.state.velocity_world_m_s;
+        self.state.world_from_capsule.translation.vector += velocity * step.gain_s;
+        self.state.velocity_world_m_s = velocity * step.decay;
+        let n = self.dimension();
+        for i in 0..3 {
+            for j in 0..n {
+                self.covariance[(i, j)] += step.gain_s * self.covariance[(VELOCITY + i, j)];
+                self.covariance[(VELOCITY + i, j)] *= step.decay;
+            }
+        }
+        for i in 0..3 {
+            for j in 0..n {
+                self.covariance[(j, i)] += step.gain_s * self.covariance[(j, VELOCITY + i)];
+                self.covariance[(j, VELOCITY + i)] *= step.decay;
+            }
+        }
+        self.add_axis_noise(POSE, VELOCITY, &step);
+    }
+
+    fn add_axis_noise(&mut self, value: usize, rate: usize, step: &AxisStep) {
+        for i in 0..3 {
+            self.covariance[(value + i, value + i)] += step.noise_pp;
+            self.covariance[(value + i, rate + i)] += step.noise_pv;
+            self.covariance[(rate + i, value + i)] += step.noise_pv;
+            self.covariance[(rate + i, rate + i)] += step.noise_vv;
+        }
+    }
+
+    fn walk_blocks(&mut self, dt_s: f64) {
+        let mut column = CORE;
+        for block in &self.blocks {
+            for walk in block.random_walk.iter() {
+                self.covariance[(column, column)] += walk * walk * dt_s;
+                column += 1;
+            }
+        }
+    }
+
+    fn add_rows(&mut self, at: usize, rows: &Matrix3xX<f64>) {
+        let mut view = self.covariance.fixed_rows_mut::<3>(at);
+        view += rows;
+    }
+
+    fn add_columns(&mut self, at: usize, columns: &MatrixXx3<f64>) {
+        let mut view = self.covariance.fixed_columns_mut::<3>(at);
+        view += columns;
+    }
+
+    /// Moves the nominal state by an error and carries the covariance into the new tangent space: rotation columns are
+    /// multiplied by the right Jacobian of the injected rotation.
+    pub fn inject(&mut self, error: &DVector<f64>) {
+        self.state.perturb(&Part::Pose(Instant::Now), error.rows(POSE, 6));
+        self.state.perturb(&Part::Velocity, error.rows(VELOCITY, 3));
+        self.state.perturb(&Part::AngularRate, error.rows(RATE, 3));
+        self.reset_rotation(3, error);
+        let mut column = CORE;
+        for block in &self.blocks {
+            let width = block.initial.len();
+            self.state.perturb(&Part::Block(block.name.clone()), error.rows(column, width));
+            column += width;
+        }
+        let times: Vec<SimTime> = self.state.clones.keys().copied().collect();
+        for at in times {
+            self.state.perturb(&Part::Pose(Instant::Clone(at)), error.rows(column, 6));
+            self.reset_rotation(column + 3, error);
+            column += 6;
+        }
+    }
+
+    fn reset_rotation(&mut self, at: usize, error: &DVector<f64>) {
+        let reset = right_jacobian_so3(&Vector3::new(error[at], error[at + 1], error[at + 2]));
+        let n = self.dimension();
+        for j in 0..n {
+            let v = reset
+                * Vector3::new(self.covariance[(at, j)], self.covariance[(at + 1, j)], self.covariance[(at + 2, j)]);
+            (0..3).for_each(|i| self.covariance[(at + i, j)] = v[i]);
+        }
+        for j in 0..n {
+            let v = reset
+                * Vector3::new(self.covariance[(j, at)], self.covariance[(j, at + 1)], self.covariance[(j, at + 2)]);
+            (0..3).for_each(|i| self.covariance[(j, at + i)] = v[i]);
+        }
+    }
+
+    /// Pose and covariance, with what is not known left out.
+    pub fn pose(&self) -> PoseEstimate {
+        let mut covariance: Matrix6<f64> = self.covariance.fixed_view::<6, 6>(0, 0).into_owned();
+        let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
+        let kind = if sigma(4).max(sigma(5)) > KNOWN_ATTITUDE_SIGMA_RAD {
+            FixKind::Position
+        } else if sigma(3) > KNOWN_ATTITUDE_SIGMA_RAD {
+            FixKind::Pointing
+        } else {
+            FixKind::Full
+        };
+        let unknown = match kind {
+            FixKind::Position => 3..6,
+            FixKind::Pointing => 3..4,
+            FixKind::Full => 0..0,
+        };
+        for i in unknown {
+            covariance.row_mut(i).fill(0.0);
+            covariance.column_mut(i).fill(0.0);
+        }
+        PoseEstimate { world_from_capsule: self.state.world_from_capsule, covariance, kind }
+    }
+
+    /// Largest standard deviation of the position along any direction, m, and that direction.
+    pub fn weakest_direction(&self) -> (f64, Vector3<f64>) {
+        let block: Matrix3<f64> = self.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let eigen = block.symmetric_eigen();
+        let largest = eigen.eigenvalues.imax();
+        (eigen.eigenvalues[largest].max(0.0).sqrt(), eigen.eigenvectors.column(largest).into_owned())
+    }
+
+    /// Whether every number is finite and the diagonal is positive.
+    pub fn is_sound(&self) -> bool {
+        self.covariance.iter().all(|v| v.is_finite())
+            && self.covariance.diagonal().iter().all(|v| *v >= 0.0)
+            && self.state.world_from_capsule.translation.vector.iter().all(|v| v.is_finite())
+            && self.state.world_from_capsule.rotation.coords.iter().all(|v| v.is_finite())
+    }
+
+    /// Names of the blocks in the order of their columns.
+    pub fn block_names(&self) -> impl Iterator<Item = &Name> {
+        self.blocks.iter().map(|block| &block.name)
+    }
+}
+
+fn add_block(matrix: &mut DMatrix<f64>, row: usize, column: usize, block: &Matrix3<f64>) {
+    let mut view = matrix.fixed_view_mut::<3, 3>(row, column);
+    view += block;
+}

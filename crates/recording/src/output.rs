@@ -1,0 +1,134 @@
+//! Where messages go: a file that appears whole or not at all, or a running viewer.
+//!
+//! The encoder is driven directly, not through the SDK's logging stream: that one writes in a thread of its own, logs a
+//! full disk and goes on, and stamps every row with the wall clock. Here a failed write is an error at once, and two
+//! equal runs give equal bytes.
+
+use crate::error::RecordingError;
+use rerun::external::re_build_info::CrateVersion;
+use rerun::external::re_log_encoding::{Encoder, EncodingOptions};
+use rerun::log::LogMsg;
+use rerun::sink::{GrpcSink, LogSink as _};
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::str::FromStr as _;
+use std::time::Duration;
+
+/// How long a viewer may take to answer, and to take the last messages.
+const VIEWER_PATIENCE: Duration = Duration::from_secs(10);
+
+/// The receiver of messages.
+pub(crate) enum Output {
+    /// A file, written under a temporary name beside its own.
+    File(FileOutput),
+    /// A viewer that is running.
+    Viewer {
+        /// The connection.
+        sink: GrpcSink,
+        /// As the user wrote it.
+        address: String,
+    },
+}
+
+/// A file being written.
+pub(crate) struct FileOutput {
+    /// `None` once finished.
+    encoder: Option<Encoder<BufWriter<File>>>,
+    temporary: PathBuf,
+    target: PathBuf,
+}
+
+impl Output {
+    /// Opens `<path>.part` for writing; [`Output::finish`] gives it its name.
+    pub(crate) fn file(path: &Path) -> Result<Self, RecordingError> {
+        let name = path.file_name().ok_or_else(|| RecordingError::NoFileName(path.to_owned()))?;
+        let mut part = name.to_owned();
+        part.push(".part");
+        let temporary = path.with_file_name(part);
+        let file = File::create(&temporary).map_err(|source| RecordingError::File {
+            action: "cannot create",
+            path: temporary.clone(),
+            source,
+        })?;
+        let encoder = Encoder::new_eager(
+            CrateVersion::LOCAL,
+            EncodingOptions::PROTOBUF_COMPRESSED,
+            BufWriter::with_capacity(1 << 18, file),
+        )
+        .map_err(|e| RecordingError::Encode { target: path.display().to_string(), why: e.to_string() })?;
+        Ok(Self::File(FileOutput { encoder: Some(encoder), temporary, target: path.to_owned() }))
+    }
+
+    /// Connects to a viewer and waits until it answers.
+    pub(crate) fn viewer(address: &str) -> Result<Self, RecordingError> {
+        let url =
+            if address.contains("://") { address.to_owned() } else { format!("rerun+http://{address}/proxy") };
+        let uri = rerun::external::re_uri::ProxyUri::from_str(&url)
+            .map_err(|e| RecordingError::Address { address: address.to_owned(), why: e.to_string() })?;
+        let sink = GrpcSink::new(uri);
+        sink.flush_blocking(VIEWER_PATIENCE)
+            .map_err(|e| RecordingError::NoViewer { address: address.to_owned(), why: e.to_string() })?;
+        Ok(Self::Viewer { sink, address: address.to_owned() })
+    }
+
+    /// Whether somebody looks while it is written.
+    pub(crate) fn is_live(&self) -> bool {
+        matches!(self, Self::Viewer { .. })
+    }
+
+    /// Writes or sends one message.
+    pub(crate) fn send(&mut self, message: LogMsg) -> Result<(), RecordingError> {
+        match self {
+            Self::File(file) => file.send(&message),
+            Self::Viewer { sink, .. } => {
+                sink.send(message);
+                Ok(())
+            }
+        }
+    }
+
+    /// Ends the stream; a file gets its name.
+    pub(crate) fn finish(&mut self) -> Result<(), RecordingError> {
+        match self {
+            Self::File(file) => file.finish(),
+            Self::Viewer { sink, address } => sink
+                .flush_blocking(VIEWER_PATIENCE)
+                .map_err(|e| RecordingError::NoViewer { address: address.clone(), why: e.to_string() }),
+        }
+    }
+}
+
+impl FileOutput {
+    fn encode_error(&self, why: &dyn std::fmt::Display) -> RecordingError {
+        RecordingError::Encode { target: self.target.display().to_string(), why: why.to_string() }
+    }
+
+    fn file_error(&self, action: &'static str, source: std::io::Error) -> RecordingError {
+        RecordingError::File { action, path: self.target.clone(), source }
+    }
+
+    fn send(&mut self, message: &LogMsg) -> Result<(), RecordingError> {
+        let Some(encoder) = self.encoder.as_mut() else {
+            return Err(self.encode_error(&"the recording is already finished"));
+        };
+        encoder.append(message).map(|_| ()).map_err(|e| self.encode_error(&e))
+    }
+
+    fn finish(&mut self) -> Result<(), RecordingError> {
+        let Some(mut encoder) = self.encoder.take() else { return Ok(()) };
+        encoder.finish().map_err(|e| self.encode_error(&e))?;
+        let writer = encoder.into_inner().map_err(|e| self.encode_error(&e))?;
+        let file = writer.into_inner().map_err(|e| self.file_error("cannot write", e.into_error()))?;
+        file.sync_all().map_err(|e| self.file_error("cannot write", e))?;
+        std::fs::rename(&self.temporary, &self.target).map_err(|e| self.file_error("cannot rename into", e))
+    }
+}
+
+impl Drop for FileOutput {
+    fn drop(&mut self) {
+        // Gone after `finish`; what is still there belongs to a run that did not end.
+        drop(self.encoder.take());
+        std::fs::remove_file(&self.temporary).ok();
+    }
+}

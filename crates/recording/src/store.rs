@@ -1,0 +1,133 @@
+//! Rows per entity, collected into chunks and sent on: what is between the recorder and the file.
+//!
+//! A chunk (Rerun's unit of storage) costs about 1.5 kB before its first number, so rows are collected until an entity has
+//! [`ROWS_PER_CHUNK`] of them or [`BYTES_PER_CHUNK`]. Identifiers of rows and chunks, which the SDK makes of the wall clock,
+//! are counters here: a recording is a function of the run alone.
+
+use crate::error::RecordingError;
+use crate::output::Output;
+use lumenav_core::SimTime;
+use rerun::external::arrow::array::Array as _;
+use rerun::external::re_log_types::{
+    SetStoreInfo, StoreInfo, StoreSource, TimeCell, TimePoint, external::re_tuid::Tuid,
+};
+use rerun::log::{Chunk, ChunkId, LogMsg, RowId};
+use rerun::{AsComponents, EntityPath, EntityPathPart, StoreId};
+use std::collections::BTreeMap;
+
+/// Name of the timeline of simulated time.
+pub const SIM_TIME: &str = "sim_time";
+/// Name of the timeline that counts a track's updates.
+pub const UPDATE: &str = "update";
+/// Rows of one entity after which its chunk is written.
+const ROWS_PER_CHUNK: usize = 1024;
+/// Bytes of one entity after which its chunk is written.
+const BYTES_PER_CHUNK: usize = 1 << 18;
+
+/// One store (the recording, or its blueprint) on its way to an output.
+pub(crate) struct Store {
+    id: StoreId,
+    next_row: u64,
+    next_chunk: u64,
+    pending: BTreeMap<EntityPath, Pending>,
+}
+
+/// Rows of one entity that are not written yet.
+#[derive(Default)]
+struct Pending {
+    rows: Vec<(RowId, TimePoint, Vec<rerun::SerializedComponentBatch>)>,
+    bytes: usize,
+}
+
+/// `a/b/c` as a path whose parts may hold any character.
+pub(crate) fn entity(path: &str) -> EntityPath {
+    EntityPath::new(path.split('/').filter(|part| !part.is_empty()).map(EntityPathPart::new).collect())
+}
+
+/// A point on the timelines.
+pub(crate) fn time_point(at: SimTime, update: Option<u64>) -> TimePoint {
+    let mut cells = BTreeMap::new();
+    cells.insert(SIM_TIME.into(), TimeCell::from_duration_nanos(at.0));
+    if let Some(update) = update {
+        cells.insert(UPDATE.into(), TimeCell::from_sequence(i64::try_from(update).unwrap_or(i64::MAX)));
+    }
+    TimePoint::from(cells)
+}
+
+/// Bytes of the numbers in a row, before compression.
+pub(crate) fn row_bytes(batches: &[rerun::SerializedComponentBatch]) -> usize {
+    // 48: row id and two times.
+    48 + batches.iter().map(|batch| batch.array.get_buffer_memory_size()).sum::<usize>()
+}
+
+impl Store {
+    /// Announces the store to the output.
+    pub(crate) fn open(id: StoreId, output: &mut Output) -> Result<Self, RecordingError> {
+        let source = StoreSource::Other(format!("lumenav {}", env!("CARGO_PKG_VERSION")));
+        let info = StoreInfo::new_unversioned(id.clone(), source);
+        output.send(LogMsg::SetStoreInfo(SetStoreInfo { row_id: Tuid::from_nanos_and_inc(0, 1), info }))?;
+        Ok(Self { id, next_row: 1, next_chunk: 1, pending: BTreeMap::new() })
+    }
+
+    /// The store's identity.
+    pub(crate) fn id(&self) -> &StoreId {
+        &self.id
+    }
+
+    /// Adds a row at a point in time; an empty time point makes it hold for all times.
+    pub(crate) fn log(
+        &mut self,
+        output: &mut Output,
+        path: &EntityPath,
+        at: TimePoint,
+        what: &dyn AsComponents,
+    ) -> Result<(), RecordingError> {
+        self.log_batches(output, path, at, what.as_serialized_batches())
+    }
+
+    /// As [`Store::log`] with components already in columns.
+    pub(crate) fn log_batches(
+        &mut self,
+        output: &mut Output,
+        path: &EntityPath,
+        at: TimePoint,
+        batches: Vec<rerun::SerializedComponentBatch>,
+    ) -> Result<(), RecordingError> {
+        let row = RowId::from_tuid(Tuid::from_nanos_and_inc(0, self.next_row));
+        self.next_row += 1;
+        // A chunk holds either rows with a time or rows for all times.
+        let pending = self.pending.entry(path.clone()).or_default();
+        if pending.rows.last().is_some_and(|(_, time, _)| time.is_static() != at.is_static()) {
+            self.flush_entity(output, path)?;
+        }
+        let pending = self.pending.entry(path.clone()).or_default();
+        pending.bytes += row_bytes(&batches);
+        pending.rows.push((row, at, batches));
+        if pending.rows.len() >= ROWS_PER_CHUNK || pending.bytes >= BYTES_PER_CHUNK {
+            self.flush_entity(output, path)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the rows of one entity.
+    fn flush_entity(&mut self, output: &mut Output, path: &EntityPath) -> Result<(), RecordingError> {
+        let Some(pending) = self.pending.remove(path) else { return Ok(()) };
+        let id = ChunkId::from_tuid(Tuid::from_nanos_and_inc(1, self.next_chunk));
+        self.next_chunk += 1;
+        let mut builder = Chunk::builder_with_id(id, path.clone());
+        for (row, at, batches) in pending.rows {
+            builder = builder.with_serialized_batches(row, at, batches);
+        }
+        let message = builder
+            .build()
+            .and_then(|chunk| chunk.to_arrow_msg())
+            .map_err(|e| RecordingError::Encode { target: path.to_string(), why: e.to_string() })?;
+        output.send(LogMsg::ArrowMsg(self.id.clone(), message))
+    }
+
+    /// Writes all rows that wait.
+    pub(crate) fn flush(&mut self, output: &mut Output) -> Result<(), RecordingError> {
+        let paths: Vec<EntityPath> = self.pending.keys().cloned().collect();
+        paths.iter().try_for_each(|path| self.flush_entity(output, path))
+    }
+}
