@@ -347,7 +347,8 @@ fn transport(
     to: &Vector3<f64>,
     tangent_to: &Vector3<f64>,
 ) -> Vector3<f64> {
-    let reflect = |v: &Vector3<f64>, axis: &Vector3<f64>, squared: f64| v - axis * (2.0 / squared * axis.dot(v));
+    let reflect =
+        |v: &Vector3<f64>, axis: &Vector3<f64>, squared: f64| v - axis * (2.0 / squared * axis.dot(v));
     let chord = to - from;
     let squared = chord.norm_squared();
     let mut moved = *normal;

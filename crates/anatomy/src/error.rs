@@ -93,8 +93,10 @@ pub enum AnatomyError {
         available: Vec<SegmentKey>,
     },
     /// A selection that leaves a hole or is out of order.
-    #[error("segments have to be consecutive and in order from mouth to anus; `{after}` does not follow `{before}` in: {}",
-        list(available))]
+    #[error(
+        "segments have to be consecutive and in order from mouth to anus; `{after}` does not follow `{before}` in: {}",
+        list(available)
+    )]
     NotConsecutive {
         /// The segment before.
         before: SegmentKey,

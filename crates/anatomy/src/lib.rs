@@ -7,9 +7,18 @@
 
 pub mod centre_line;
 pub mod error;
+
+pub mod mesh;
+pub mod radius;
 pub mod segment;
+pub mod shape;
 mod spline;
+pub mod tract;
+pub mod tract_file;
 
 pub use centre_line::{CentreLine, Projection, Station};
 pub use error::AnatomyError;
+pub use mesh::{TubeMesh, tube_mesh};
+pub use radius::RadiusProfile;
 pub use segment::{Landmark, Segment, SegmentKey, Wall, WallTable};
+pub use tract::{Bridge, End, Overlap, Radii, SegmentPoints, Tract, TractDraft, TractInWorld, TractReport};

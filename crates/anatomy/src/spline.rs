@@ -54,11 +54,11 @@ impl Piece {
     pub(crate) fn arc(&self, from: f64, to: f64) -> f64 {
         /// Nodes and weights on [-1, 1] (Abramowitz and Stegun, table 25.4).
         const RULE: [(f64, f64); 5] = [
-            (-0.906179845938664, 0.236926885056189),
-            (-0.538469310105683, 0.478628670499366),
-            (0.0, 0.568888888888889),
-            (0.538469310105683, 0.478628670499366),
-            (0.906179845938664, 0.236926885056189),
+            (-0.9061798459386640, 0.2369268850561891),
+            (-0.5384693101056831, 0.4786286704993665),
+            (0.0, 0.5688888888888889),
+            (0.5384693101056831, 0.4786286704993665),
+            (0.9061798459386640, 0.2369268850561891),
         ];
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
         half * RULE.iter().map(|(node, weight)| weight * self.speed(middle + half * node)).sum::<f64>()
@@ -108,7 +108,8 @@ fn not_a_knot_slopes(h: &[f64], chord: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         slopes[i] = (right - slopes[i - 1] * h[i]) / pivot;
     }
     let last = h[n - 2] + h[n - 1];
-    let right = (chord[n - 2] * (h[n - 1] * h[n - 1]) + chord[n - 1] * ((2.0 * last + h[n - 1]) * h[n - 2])) / last;
+    let right =
+        (chord[n - 2] * (h[n - 1] * h[n - 1]) + chord[n - 1] * ((2.0 * last + h[n - 1]) * h[n - 2])) / last;
     let pivot = h[n - 2] - last * upper[n - 1];
     slopes[n] = (right - slopes[n - 1] * last) / pivot;
     for i in (0..n).rev() {

@@ -82,7 +82,7 @@ pub enum Linearization {
         information: DMatrix<f64>,
         /// `log p(z | x)` up to a constant of the measurement.
         log_likelihood: f64,
-        /// How many independent numbers the measurement is worth: the dof of its chi-square gate.
+        /// How many events carried it (responsibility-weighted): reports, and refusing windows that are all background.
         effective_count: f64,
     },
 }

@@ -2,6 +2,7 @@
 
 use crate::config::{ConfigError, Node};
 use crate::path_map::PathMap;
+use crate::schedule::Schedule;
 use crate::Name;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -79,6 +80,8 @@ pub struct CapsuleBody {
 pub struct Setup {
     /// The sensor's name in the scenario.
     pub sensor: Name,
+    /// When the sensor reads; recorded data carry their own times.
+    pub schedule: Option<Schedule>,
     /// The capsule's shape.
     pub capsule: CapsuleBody,
     /// The capsule's model file, in which a modality finds its own table (`[magnet]`, `[[marker]]`).

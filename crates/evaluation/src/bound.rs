@@ -5,13 +5,13 @@
 //! rms of ratios     = sqrt( mean( e^2 / tr B ) )        every update counts alike
 //! ```
 //!
-//! `e` is the norm of the error (m, or rad) and `B` the Cramér-Rao bound of its covariance at that update (m^2, or
-//! rad^2), posterior if the estimator has a motion model. 1 is efficient; 1.5 leaves a third of the accuracy
-//! unused. The first figure is the spec's RMSE over bound, which the worst places dominate; the second does not
-//! let one place with a poor bound hide the rest.
+//! `e` is the norm of the error (m, or rad) and `B` the Cramér-Rao bound of its covariance at that update
+//! (m^2, or rad^2), posterior if the estimator has a motion model. 1 is efficient; 1.5 leaves a third of the
+//! accuracy unused. The first figure is the spec's RMSE over bound, which the worst places dominate; the
+//! second does not let one place with a poor bound hide the rest.
 //!
-//! Below 1 over many updates means that the estimator knew something that the bound did not (a map, a motion model,
-//! or truth that leaked), or is biased towards a prior: the bound holds for unbiased estimators.
+//! Below 1 over many updates means that the estimator knew something that the bound did not (a map, a motion
+//! model, or truth that leaked), or is biased towards a prior: the bound holds for unbiased estimators.
 
 use crate::summary::CompensatedSum;
 use serde::{Deserialize, Serialize};
@@ -93,7 +93,8 @@ mod tests {
         assert_relative_eq!(result.rms_of_ratios, 2.5_f64.sqrt(), max_relative = 1e-14);
     }
 
-    /// The mean of n readings meets its bound sigma^2 / n; the median of n Gaussian readings needs pi / 2 of it.
+    /// The mean of n readings meets its bound sigma^2 / n; the median of n Gaussian readings needs pi / 2 of
+    /// it.
     #[test]
     fn law_mean_is_efficient_and_median_is_not() {
         let mut rng = Pcg64Mcg::seed_from_u64(5);

@@ -5,17 +5,19 @@
 //! NIS  = y^T S^-1 y     y innovation (measured minus predicted), S its claimed covariance     (needs no truth)
 //! ```
 //!
-//! If the claims are right and errors Gaussian, both are chi-square distributed, with mean equal to their degrees of
-//! freedom (dof). Error vectors are `[dp_world (3, m), dtheta_capsule (3, rad)]` with the right perturbation of
-//! [`crate::pose_error`]; another convention gives another NEES. [`ErrorBlock`] says which part is judged.
+//! If the claims are right and errors Gaussian, both are chi-square distributed, with mean equal to their
+//! degrees of freedom (dof). Error vectors are `[dp_world (3, m), dtheta_capsule (3, rad)]` with the right
+//! perturbation of [`crate::pose_error`]; another convention gives another NEES. [`ErrorBlock`] says which
+//! part is judged.
 //!
-//! What may be tested with what (measured on a matched linear filter, 400 runs):
+//! What may be tested with what:
 //!
 //! - NIS is white over time, so it may be summed over one run and compared with one chi-square band
 //!   ([`one_run::NisAccumulator`]).
-//! - NEES is not: errors persist, so its sum over one run rejects a perfect filter about 40 % of the time at a
-//!   nominal 5 %. Over one run its mean is *reported* ([`one_run::NeesAccumulator`]); the *test* compares
-//!   the mean over Monte-Carlo runs at each step with its band ([`across_runs::NeesAcrossRuns`]).
+//! - NEES is not: errors persist, so its sum over one run rejects a perfect filter five to eight times too
+//!   often (25 % at a nominal 5 % with the filter of `tests/linear_filter.rs`). Over one run its mean is
+//!   *reported* ([`one_run::NeesAccumulator`]); the *test* compares the mean over Monte-Carlo runs at each
+//!   step with its band ([`across_runs::NeesAcrossRuns`]).
 //! - A NIS inside its band does not prove the state consistent (unobserved directions): both are shown.
 //! - Innovations of a good filter carry nothing of the past: [`whiteness`].
 //!
@@ -69,7 +71,11 @@ where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
     let form = whitened(vector, covariance)?.norm_squared();
-    if form.is_finite() { Ok(form) } else { Err(EvaluationError::NotFinite { what: "quadratic form", index: 0 }) }
+    if form.is_finite() {
+        Ok(form)
+    } else {
+        Err(EvaluationError::NotFinite { what: "quadratic form", index: 0 })
+    }
 }
 
 /// `L^-1 v` with `C = L L^T`: uncorrelated with unit variance if `v` has the covariance `C`.
@@ -97,8 +103,9 @@ where
 
 /// Normalised estimation error squared of one pose.
 ///
-/// `covariance` is that of `[dp_world (3, m), dtheta_capsule (3, rad)]`; of it, the part that belongs to `block` is
-/// used (the marginal: position is the upper left 3 x 3, pointing leaves out the row and column of roll).
+/// `covariance` is that of `[dp_world (3, m), dtheta_capsule (3, rad)]`; of it, the part that belongs to
+/// `block` is used (the marginal: position is the upper left 3 x 3, pointing leaves out the row and column of
+/// roll).
 ///
 /// # Errors
 /// As [`quadratic_form`].
@@ -128,7 +135,11 @@ mod tests {
     #[test]
     fn closed_form_diagonal_and_correlated() {
         let diagonal = Matrix2::new(4.0, 0.0, 0.0, 9.0);
-        assert_relative_eq!(quadratic_form(&Vector2::new(2.0, 3.0), &diagonal).unwrap(), 2.0, epsilon = 1e-15);
+        assert_relative_eq!(
+            quadratic_form(&Vector2::new(2.0, 3.0), &diagonal).unwrap(),
+            2.0,
+            epsilon = 1e-15
+        );
         // (x^2 - 2 r x y + y^2) / (1 - r^2) for unit variances
         let correlated = Matrix2::new(1.0, 0.5, 0.5, 1.0);
         let form = quadratic_form(&Vector2::new(1.0, -2.0), &correlated).unwrap();
@@ -144,7 +155,11 @@ mod tests {
             Matrix2::new(1.0, 0.0, 0.0, -1.0),
             Matrix2::repeat(f64::NAN),
         ] {
-            assert_eq!(quadratic_form(&v, &bad), Err(EvaluationError::NotPositiveDefinite { size: 2 }), "{bad}");
+            assert_eq!(
+                quadratic_form(&v, &bad),
+                Err(EvaluationError::NotPositiveDefinite { size: 2 }),
+                "{bad}"
+            );
         }
         let mismatch = quadratic_form(&DVector::zeros(3), &DMatrix::identity(2, 2));
         assert!(matches!(mismatch, Err(EvaluationError::ShapeMismatch { .. })));

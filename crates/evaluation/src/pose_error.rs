@@ -1,7 +1,7 @@
 //! The error of one estimated pose against the true pose at the estimate's own time.
 //!
-//! Both poses are `world_from_capsule`. The error is the one that a filter's covariance speaks of, so that the two
-//! can be compared (right perturbation on SO(3) x R^3, truth = estimate (+) error):
+//! Both poses are `world_from_capsule`. The error is the one that a filter's covariance speaks of, so that
+//! the two can be compared (right perturbation on SO(3) x R^3, truth = estimate (+) error):
 //!
 //! ```text
 //! dp_world      = p_true - p_est                      (m)
@@ -9,16 +9,17 @@
 //! error         = [dp_world (3), dtheta_capsule (3)]
 //! ```
 //!
-//! Beside the full attitude there are two parts of it. *Heading* is the angle between the capsules' x axes (where
-//! it points), *roll* what remains: the turn about the x axis after the shortest rotation that brings the one x axis
-//! onto the other (swing and twist of `R_est^T R_true`). A single dipole magnet along the capsule's axis says nothing
-//! about roll; then the attitude error is meaningless while the heading error is not.
+//! Beside the full attitude there are two parts of it. *Heading* is the angle between the capsules' x axes
+//! (where it points), *roll* what remains: the turn about the x axis after the shortest rotation that brings
+//! the one x axis onto the other (swing and twist of `R_est^T R_true`). A single dipole magnet along the
+//! capsule's axis says nothing about roll; then the attitude error is meaningless while the heading error is
+//! not.
 //!
-//! The caller interpolates the truth at the estimate's stamp. Taking the nearest true pose instead hides latency: a
-//! shift of 3 ms leaves the figures of a 20 Hz truth unchanged to the last bit.
+//! The caller interpolates the truth at the estimate's stamp. Taking the nearest true pose instead hides
+//! latency: a shift of 3 ms leaves the figures of a 20 Hz truth unchanged to the last bit.
 //!
-//! Neglected: nothing; the formulas are exact for errors of any size. Roll is undefined where the headings are
-//! opposite.
+//! Neglected: nothing; the formulas are exact for errors of any size. Roll is undefined where the headings
+//! are opposite.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector5, Vector6};
 
@@ -29,8 +30,8 @@ pub struct PoseError {
     pub position_world_m: Vector3<f64>,
     /// Rotation vector from the estimated to the true attitude, axes of the estimated capsule, rad.
     pub attitude_capsule_rad: Vector3<f64>,
-    /// Shortest rotation from the estimated to the true x axis, y and z components in the axes of the estimated
-    /// capsule, rad (the x component is zero).
+    /// Shortest rotation from the estimated to the true x axis, y and z components in the axes of the
+    /// estimated capsule, rad (the x component is zero).
     pub pointing_capsule_rad: [f64; 2],
     /// Signed turn about the capsule's x axis that is left after pointing, in (-pi, pi]; `None` where the two
     /// headings are exactly opposite.
@@ -109,7 +110,8 @@ fn pointing(estimate_from_truth: &UnitQuaternion<f64>) -> [f64; 2] {
 /// Twist about the x axis.
 fn roll(estimate_from_truth: &UnitQuaternion<f64>) -> Option<f64> {
     let (x, w) = (estimate_from_truth.i, estimate_from_truth.w);
-    // Both vanish together when the swing is a half turn; 1e-12 is where rounding of a unit quaternion decides.
+    // Both vanish together when the swing is a half turn; 1e-12 is where rounding of a unit quaternion
+    // decides.
     if x.hypot(w) < 1e-12 {
         return None;
     }
@@ -190,7 +192,8 @@ mod tests {
             prop_assert!(error.attitude_rad() <= PI + 1e-12);
         }
 
-        /// Swing after twist is the whole rotation; heading is the arc between the axes; both are at most the whole.
+        /// Swing after twist is the whole rotation; heading is the arc between the axes; both are at most the
+        /// whole.
         #[test]
         fn law_pointing_and_roll_compose_to_attitude(a in quaternion(), b in quaternion()) {
             let error = PoseError::between(&pose([0.0; 3], a), &pose([0.0; 3], b));

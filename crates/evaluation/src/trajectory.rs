@@ -1,9 +1,9 @@
 //! Absolute and relative errors of whole trajectories, as the tool `evo` (version 1.38) defines them.
 //!
 //! A [`Trajectory`] is a list of times and poses `world_from_capsule`. Two of them are brought together by
-//! [`associate`] (each pose of the shorter with the nearest in time of the longer, if within `max_difference_s`),
-//! optionally aligned ([`alignment`]), and compared pose by pose ([`absolute`]: APE, whose translation part is the
-//! ATE) or over pairs of poses ([`relative`]: RPE).
+//! [`associate`] (each pose of the shorter with the nearest in time of the longer, if within
+//! `max_difference_s`), optionally aligned ([`alignment`]), and compared pose by pose ([`absolute`]: APE,
+//! whose translation part is the ATE) or over pairs of poses ([`relative`]: RPE).
 //!
 //! ```text
 //! APE:  E_i  = P_i^-1 Q_i                          P estimate, Q reference
@@ -11,15 +11,15 @@
 //! ```
 //!
 //! Each error matrix `E` gives one number by a [`Relation`]. Defaults follow what is honest for an absolute
-//! localiser, not what is usual for visual odometry: no alignment (alignment hides registration errors), pairs
-//! chosen on the reference (on the estimate, a noisier track has longer paths, so other pairs and a smaller
-//! error). `evo`'s own default for the latter is offered as [`relative::PairsFrom::Estimate`].
+//! localiser, not what is usual for visual odometry: no alignment (alignment hides registration errors),
+//! pairs chosen on the reference (on the estimate, a noisier track has longer paths, so other pairs and a
+//! smaller error). `evo`'s own default for the latter is offered as [`relative::PairsFrom::Estimate`].
 //!
 //! Use this for exported files and for comparison with others. Inside the program truth is continuous, and
 //! [`crate::pose_error`] compares at the estimate's own time; association by nearest time hides latency.
 //!
-//! Source: definitions of Sturm et al. 2012 (ATE, RPE) and Umeyama 1991; pairing rules by observation of evo 1.38.1,
-//! whose figures are met to 1e-9 (`tests/evo.rs`).
+//! Source: definitions of Sturm et al. 2012 (ATE, RPE) and Umeyama 1991; pairing rules by observation of evo
+//! 1.38.1, whose figures are met to 1e-9 (`tests/evo.rs`).
 
 pub mod absolute;
 pub mod alignment;
@@ -135,8 +135,8 @@ impl AssociatedPoses {
     }
 }
 
-/// Pairs each pose of the shorter trajectory (of two equally long ones: of the estimate) with the pose of the other
-/// that is nearest in time, if the stamps differ by at most `max_difference_s` (evo's default: 0.01 s).
+/// Pairs each pose of the shorter trajectory (of two equally long ones: of the estimate) with the pose of the
+/// other that is nearest in time, if the stamps differ by at most `max_difference_s` (evo's default: 0.01 s).
 ///
 /// A pose of the longer trajectory may be used more than once, as in evo.
 ///
@@ -190,7 +190,8 @@ impl Relation {
     /// The error that this relation makes of an error matrix.
     pub fn error(self, matrix: &Isometry3<f64>) -> f64 {
         let translation = || matrix.translation.vector.norm();
-        let rotation_part = || (matrix.rotation.to_rotation_matrix().into_inner() - Matrix3::identity()).norm();
+        let rotation_part =
+            || (matrix.rotation.to_rotation_matrix().into_inner() - Matrix3::identity()).norm();
         match self {
             Self::TranslationPart => translation(),
             Self::RotationPart => rotation_part(),
@@ -243,7 +244,9 @@ impl Statistics {
         let n = errors.len() as f64;
         let sum = |f: &dyn Fn(f64) -> f64| {
             let mut sum = CompensatedSum::default();
-            errors.iter().for_each(|&e| sum.add(f(e)));
+            for &error in errors {
+                sum.add(f(error));
+            }
             sum.value()
         };
         let mean = sum(&|e| e) / n;
@@ -278,11 +281,12 @@ mod tests {
         pairs.reference.iter().map(x).zip(pairs.estimate.iter().map(x)).collect()
     }
 
-    /// What evo 1.38.1 does with the same stamps: the estimate leads when the lengths are equal, of two equally near
-    /// stamps the earlier is taken, the bound is inclusive, a pose may serve twice.
+    /// What evo 1.38.1 does with the same stamps: the estimate leads when the lengths are equal, of two
+    /// equally near stamps the earlier is taken, the bound is inclusive, a pose may serve twice.
     #[test]
     fn cross_association_rules_of_evo() {
-        let pairs = associate(&on_a_line(&[0.0, 0.004, 0.006]), &on_a_line(&[0.0, 0.002, 0.0045]), 0.01).unwrap();
+        let pairs =
+            associate(&on_a_line(&[0.0, 0.004, 0.006]), &on_a_line(&[0.0, 0.002, 0.0045]), 0.01).unwrap();
         assert_eq!(matched(&pairs), vec![(0.0, 0.0), (0.0, 1.0), (1.0, 2.0)]);
         let pairs = associate(&on_a_line(&[0.0, 5.0]), &on_a_line(&[0.0, 0.004, 0.008]), 0.01).unwrap();
         assert_eq!(matched(&pairs), vec![(0.0, 0.0)]);

@@ -1,5 +1,5 @@
-//! APE and RPE equal those of evo 1.38 on the same TUM files, over relations, alignments, distances and pair rules.
-//! The files and figures are made by `cross/evo_reference.py`.
+//! APE and RPE equal those of evo 1.38 on the same TUM files, over relations, alignments, distances and pair
+//! rules. The files and figures are made by `cross/evo_reference.py`.
 
 use lumenav_evaluation::trajectory::absolute::absolute_errors;
 use lumenav_evaluation::trajectory::alignment::{AlignmentKind, aligned};
@@ -56,7 +56,9 @@ fn with_alignment(pairs: &AssociatedPoses, case: &Value) -> AssociatedPoses {
         let rotation = alignment.reference_from_estimate.rotation.to_rotation_matrix();
         for i in 0..3 {
             let translation = parameters["translation_m"][i].as_f64().unwrap();
-            assert!((alignment.reference_from_estimate.translation.vector[i] - translation).abs() < TOLERANCE);
+            assert!(
+                (alignment.reference_from_estimate.translation.vector[i] - translation).abs() < TOLERANCE
+            );
             for j in 0..3 {
                 let entry = parameters["rotation"][i][j].as_f64().unwrap();
                 assert!((rotation[(i, j)] - entry).abs() < TOLERANCE);

@@ -51,9 +51,10 @@ fn cross_quantiles_equal_numpy() {
 #[test]
 fn cross_chi_square_equals_scipy() {
     for case in cases("chi_square") {
-        let (dof, p, expected) = (number(&case, "dof"), number(&case, "probability"), number(&case, "quantile"));
+        let (dof, p, expected) =
+            (number(&case, "dof"), number(&case, "probability"), number(&case, "quantile"));
         let quantile = chi_square_quantile(dof, p).unwrap();
-        assert_close(&format!("quantile {p} of {dof} dof"), quantile, expected, 2e-9);
+        assert_close(&format!("quantile {p} of {dof} dof"), quantile, expected, 1e-9);
         // The tail moves with the quantile's last digits ever faster as the distribution narrows.
         let tail = chi_square_tail(dof, expected).unwrap();
         assert_close(&format!("tail of {dof} dof"), tail, number(&case, "tail"), 1e-8);
@@ -65,7 +66,8 @@ fn cross_signed_rank_equals_scipy() {
     let mut exact = 0;
     for case in cases("wilcoxon") {
         let test = signed_rank(&numbers(&case, "differences")).unwrap();
-        let method = if case["method"] == "exact" { SignedRankMethod::Exact } else { SignedRankMethod::Normal };
+        let method =
+            if case["method"] == "exact" { SignedRankMethod::Exact } else { SignedRankMethod::Normal };
         assert_eq!(test.method, method);
         exact += usize::from(method == SignedRankMethod::Exact);
         assert_eq!(test.statistic, number(&case, "statistic"));
@@ -75,7 +77,8 @@ fn cross_signed_rank_equals_scipy() {
     assert!(exact >= 3, "{exact} exact cases");
 }
 
-/// Both are random: the ends agree within 3 % of the standard error of the mean at 100 000 resamples.
+/// Both are random: at 100 000 resamples the ends, far out in a skewed tail, wander by 2 to 3 % of the
+/// standard error of the mean. A plain percentile interval misses by 14 % and more on the skewed samples.
 #[test]
 fn cross_bca_interval_equals_scipy() {
     let mut rng = Pcg64Mcg::seed_from_u64(20240612);
@@ -83,7 +86,7 @@ fn cross_bca_interval_equals_scipy() {
         let settings = BootstrapSettings { confidence: number(&case, "confidence"), resamples: 100_000 };
         let interval = mean_with_interval(&numbers(&case, "values"), &settings, &mut rng).unwrap();
         assert_close("mean", interval.mean, number(&case, "mean"), 1e-14);
-        let tolerance = 0.03 * number(&case, "standard_error");
+        let tolerance = 0.08 * number(&case, "standard_error");
         for (ours, key) in [(interval.lower, "lower"), (interval.upper, "upper")] {
             let theirs = number(&case, key);
             assert!((ours - theirs).abs() < tolerance, "{key}: {ours} against {theirs}, allowed {tolerance}");
@@ -95,7 +98,9 @@ fn cross_bca_interval_equals_scipy() {
 fn cross_ljung_box_equals_statsmodels() {
     for case in cases("ljung_box") {
         let mut test = LjungBox::new(number(&case, "lags") as usize).unwrap();
-        numbers(&case, "series").into_iter().for_each(|value| test.push(value).unwrap());
+        for value in numbers(&case, "series") {
+            test.push(value).unwrap();
+        }
         let result = test.result().unwrap();
         assert_close("Q", result.statistic, number(&case, "statistic"), 1e-10);
         assert_close("p", result.p_value, number(&case, "p"), 1e-9);

@@ -3,6 +3,8 @@
 //! The points are those of `tests/cross/fields_bench.py` (magpylib): 16,384 directions of a golden spiral,
 //! distances spread evenly over 2 to 8 radii of the permanent magnet of taddese2018.
 
+use std::fmt;
+
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use lumenav_fields::{Cylinder, FieldSource, FluxJacobian, GradientSlices, dipole};
@@ -58,12 +60,21 @@ fn cylinder_flux_and_gradient_scalar(bencher: Bencher) {
     });
 }
 
-/// Radii: usual distances, near the surface (up to six means), beyond the switch to the series.
-const RANGES: [(f64, f64); 3] = [(2.0, 8.0), (1.05, 1.5), (12.0, 100.0)];
+/// Distances from the centre in radii, nearest and farthest.
+struct Distances(f64, f64);
 
-#[divan::bench(args = [0, 1, 2])]
-fn cylinder_flux_batch(bencher: Bencher, range: usize) {
-    let (nearest, farthest) = RANGES[range];
+impl fmt::Display for Distances {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{} to {} radii", self.0, self.1)
+    }
+}
+
+/// Usual distances, near the surface (more than four means), beyond the switch to the series.
+const RANGES: [Distances; 3] = [Distances(2.0, 8.0), Distances(1.05, 1.5), Distances(12.0, 100.0)];
+
+#[divan::bench(args = RANGES)]
+fn cylinder_flux_batch(bencher: Bencher, distances: &Distances) {
+    let Distances(nearest, farthest) = *distances;
     let (magnet, points) = (permanent_magnet(), points(nearest, farthest));
     let [x, y, z] = coordinates(&points);
     let [mut bx, mut by, mut bz] = [vec![0.0; COUNT], vec![0.0; COUNT], vec![0.0; COUNT]];
@@ -73,9 +84,9 @@ fn cylinder_flux_batch(bencher: Bencher, range: usize) {
     });
 }
 
-#[divan::bench(args = [0, 1, 2])]
-fn cylinder_flux_and_gradient_batch(bencher: Bencher, range: usize) {
-    let (nearest, farthest) = RANGES[range];
+#[divan::bench(args = RANGES)]
+fn cylinder_flux_and_gradient_batch(bencher: Bencher, distances: &Distances) {
+    let Distances(nearest, farthest) = *distances;
     let (magnet, points) = (permanent_magnet(), points(nearest, farthest));
     let [x, y, z] = coordinates(&points);
     let mut out: [Vec<f64>; 9] = std::array::from_fn(|_| vec![0.0; COUNT]);

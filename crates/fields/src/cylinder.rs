@@ -38,7 +38,7 @@ use crate::dipole::MU0_OVER_4PI;
 use crate::error::{FieldError, finite, positive, same_length};
 use crate::kernel::{Axisymmetric, Constants, field};
 use crate::lanes::{Lanes, Real};
-use crate::multipole::reduced_coefficients;
+use crate::multipole::{corner_distance_m, reduced_coefficients};
 
 /// A cylinder magnetised along its axis, or the coil with the same field.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,7 +77,7 @@ impl Cylinder {
             half_length_m,
             remanence_tesla,
             multipoles: reduced_coefficients(radius_m, half_length_m, remanence_tesla),
-            corner_distance_m: radius_m.hypot(half_length_m),
+            corner_distance_m: corner_distance_m(radius_m, half_length_m),
         };
         Ok(Self { constants })
     }
@@ -197,8 +197,8 @@ impl Cylinder {
     }
 
     /// The kernel at one point given by the squared distance from the axis and the height.
-    pub(crate) fn axisymmetric(&self, rho2_m2: f64, z_m: f64) -> Axisymmetric<f64> {
-        field::<f64, true>(&self.constants, rho2_m2, z_m)
+    pub(crate) fn axisymmetric<const GRADIENT: bool>(&self, rho2_m2: f64, z_m: f64) -> Axisymmetric<f64> {
+        field::<f64, GRADIENT>(&self.constants, rho2_m2, z_m)
     }
 
     /// The kernel at up to [`BLOCK`] points.
@@ -315,7 +315,7 @@ pub(crate) struct Block {
 
 impl Block {
     pub(crate) fn new() -> Self {
-        // Points that stay unused are far away on the equator: harmless and cheap.
+        // Lanes that stay unused evaluate the centre of the source: harmless and cheap.
         let zero = [0.0; BLOCK];
         Self {
             rho2_m2: zero,

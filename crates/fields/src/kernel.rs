@@ -49,7 +49,7 @@ pub(crate) struct Constants {
     pub(crate) radius_m: f64,
     pub(crate) half_length_m: f64,
     pub(crate) remanence_tesla: f64,
-    /// Multipole coefficients C_1, C_3, ... in units of the corner distance R0: `C_l / R0^l`, T m^2... T R0^2.
+    /// Multipole coefficients `C_l / R0^l` of l = 1, 3, ..., with R0 the corner distance; T m^2.
     pub(crate) multipoles: [f64; TERMS],
     pub(crate) corner_distance_m: f64,
 }
@@ -236,16 +236,23 @@ struct Integrals<R> {
     axial: R,
 }
 
+/// `a2` and `rho2` in units of S^2; `inverse_rho2` finite on the axis as well.
 #[inline(always)]
-fn integrals<R: Real>(face: &Face<R>, two_a2: R, inverse_rho2: R) -> Integrals<R> {
+fn integrals<R: Real>(face: &Face<R>, a2: R, rho2: R, inverse_rho2: R) -> Integrals<R> {
     let bulirsch = face.m * face.q + face.p;
     let m_first2 = face.m_first * face.m_first;
     let product = face.m * bulirsch;
     let reciprocal = face.m.constant(1.0) / (product * m_first2);
     let with_first = reciprocal * m_first2;
+    let leading = (a2 + a2) * (reciprocal * product);
+    // Near the axis the further terms, differences of means, are rounding only: of relative size
+    // eps^2 m^4/(2 a^2 rho^2), while without them a^2 rho^2/(8 m^4) is missing. Both are eps/4 at the limit.
+    let noise = face.m.constant(2.0 * f64::EPSILON) * m_first2 * m_first2;
+    let significant = noise.less_than(a2 * rho2);
+    let further = (face.sum * inverse_rho2).where_or(significant, face.m.constant(0.0));
     Integrals {
         inverse_mean: with_first * bulirsch,
-        sum_over_rho2: two_a2 * (reciprocal * product) + face.sum * inverse_rho2,
+        sum_over_rho2: leading + further,
         axial: (face.b + face.a * face.m) * with_first,
     }
 }
@@ -271,8 +278,8 @@ fn near_field<R: Real, const GRADIENT: bool>(constants: &Constants, rho2: R, z: 
     let radius = z.constant(constants.radius_m);
     let rho = rho2.sqrt();
     let total = radius + rho;
-    // Below 1e-8 radii from the axis the terms with 1/rho^2 are zero to double precision.
-    let rho2_floored = rho2.at_least(z.constant(1.0e-16 * constants.radius_m * constants.radius_m));
+    // Any small floor does: what is multiplied by 1/rho^2 counts as zero long before (see `integrals`).
+    let rho2_floored = rho2.at_least(z.constant(1.0e-20 * constants.radius_m * constants.radius_m));
     let reciprocal = one / (total * rho2_floored);
     let inverse_total = reciprocal * rho2_floored;
     let inverse_rho2 = reciprocal * total * total * total;
@@ -294,8 +301,10 @@ fn near_field<R: Real, const GRADIENT: bool>(constants: &Constants, rho2: R, z: 
 
     let a = radius * inverse_total;
     let a2 = a * a;
-    let plus = integrals(&upper, a2 + a2, inverse_rho2);
-    let minus = integrals(&lower, a2 + a2, inverse_rho2);
+    let rho_scaled = rho * inverse_total;
+    let rho2_scaled = rho_scaled * rho_scaled;
+    let plus = integrals(&upper, a2, rho2_scaled, inverse_rho2);
+    let minus = integrals(&lower, a2, rho2_scaled, inverse_rho2);
 
     let radial = minus.inverse_mean * minus.sum_over_rho2 - plus.inverse_mean * plus.sum_over_rho2;
     let axial = upper_zeta * plus.axial - lower_zeta * minus.axial;
@@ -307,8 +316,6 @@ fn near_field<R: Real, const GRADIENT: bool>(constants: &Constants, rho2: R, z: 
         radial_dz_over_rho: zero,
     };
     if GRADIENT {
-        let rho_scaled = rho * inverse_total;
-        let rho2_scaled = rho_scaled * rho_scaled;
         let (upper_axial, upper_radial) = edge_loop(&upper, &plus, upper_zeta, a2, rho2_scaled);
         let (lower_axial, lower_radial) = edge_loop(&lower, &minus, lower_zeta, a2, rho2_scaled);
         let scale = remanence * z.constant(0.25) * inverse_total;

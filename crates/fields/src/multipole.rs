@@ -24,6 +24,11 @@ use crate::lanes::Real;
 /// Number of terms used beyond the switch radius: l = 1, 3, ..., 17.
 pub(crate) const TERMS: usize = 9;
 
+/// Distance R0 of the edges from the centre, m. Not `hypot`, whose last bit is the platform's own.
+pub(crate) fn corner_distance_m(radius_m: f64, half_length_m: f64) -> f64 {
+    (radius_m * radius_m + half_length_m * half_length_m).sqrt()
+}
+
 /// Derivative P'_n(u) of the Legendre polynomial.
 fn legendre_derivative(n: usize, u: f64) -> f64 {
     let (mut previous, mut current) = (1.0, u);
@@ -45,7 +50,7 @@ fn legendre_derivative(n: usize, u: f64) -> f64 {
 ///
 /// Zero for even `degree`. `C_1` is the dipole strength `b_T`.
 pub fn coefficient(radius_m: f64, half_length_m: f64, remanence_tesla: f64, degree: usize) -> f64 {
-    let corner_m = radius_m.hypot(half_length_m);
+    let corner_m = corner_distance_m(radius_m, half_length_m);
     let power = corner_m.powi(i32::try_from(degree).unwrap_or(i32::MAX));
     reduced_coefficient(radius_m, half_length_m, remanence_tesla, degree) * power
 }
@@ -55,7 +60,7 @@ fn reduced_coefficient(radius_m: f64, half_length_m: f64, remanence_tesla: f64, 
     if degree.is_multiple_of(2) {
         return 0.0;
     }
-    let corner_m = radius_m.hypot(half_length_m);
+    let corner_m = corner_distance_m(radius_m, half_length_m);
     let derivative = legendre_derivative(degree + 1, half_length_m / corner_m);
     let l = degree as f64;
     remanence_tesla * radius_m * radius_m * derivative / ((l + 1.0) * (l + 2.0))

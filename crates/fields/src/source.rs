@@ -48,7 +48,7 @@ impl FieldSource {
             Self::Dipole { strength_t_m3 } => dipole::flux_tesla(*strength_t_m3, axis_unit, offset_m),
             Self::Cylinder(cylinder) => {
                 let (z_m, radial_m) = split(axis_unit, offset_m);
-                let kernel = cylinder.axisymmetric(radial_m.norm_squared(), z_m);
+                let kernel = cylinder.axisymmetric::<false>(radial_m.norm_squared(), z_m);
                 radial_m * kernel.radial_over_rho + axis_unit * kernel.axial
             }
         }
@@ -61,7 +61,7 @@ impl FieldSource {
             Self::Cylinder(cylinder) => {
                 let (z_m, radial_m) = split(axis_unit, offset_m);
                 let rho2_m2 = radial_m.norm_squared();
-                let kernel = cylinder.axisymmetric(rho2_m2, z_m);
+                let kernel = cylinder.axisymmetric::<true>(rho2_m2, z_m);
                 cylinder_jacobian(&kernel, axis_unit, offset_m, &radial_m, rho2_m2)
             }
         }

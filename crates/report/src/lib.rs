@@ -1,1 +1,40 @@
-//! Skeleton.
+//! The files of a run: what is written while it goes, and how it is read back.
+//!
+//! | file | written by | read by |
+//! |---|---|---|
+//! | `manifest.json` | [`write_manifest`] | [`read_json`] |
+//! | `metrics.json` | [`MetricsObserver`] | [`read_json`] |
+//! | `timing.json` | [`TimingObserver`] | [`read_json`] |
+//! | `tracks.parquet` | [`TracksObserver`] | [`read_tracks`], [`for_each_track_row`] |
+//! | `truth.tum`, `<track>.tum` | [`TumObserver`] | [`read_tum`] |
+//! | `events.jsonl` | [`EventsObserver`] | [`read_events`], [`for_each_event`] |
+//! | `readings/` | [`ReadingsObserver`] | `lumenav replay` |
+//!
+//! [`RunWriter`] is all of them in a [`RunFolder`] that appears whole or not at all. [`write_tum`], [`write_kitti`] and
+//! [`write_csv`] export single tracks. Equal runs give equal bytes, `timing.json` excepted. Memory does not grow with the
+//! run, 8 bytes per update and quantile figure of `metrics.json` and `timing.json` excepted.
+
+mod error;
+mod file;
+mod folder;
+mod log;
+mod manifest;
+mod metrics;
+mod readings;
+mod row;
+mod timing;
+mod tracks;
+mod tum;
+mod writer;
+
+pub use error::ReportError;
+pub use folder::RunFolder;
+pub use log::{EventsObserver, Logged, LoggedEvent, WorstChannel, for_each_event, read_events, refusal_reason};
+pub use manifest::{FileEntry, Machine, Manifest, read_json, write_manifest};
+pub use metrics::{AxisError, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis, TrackMetrics};
+pub use readings::ReadingsObserver;
+pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
+pub use timing::{Timing, TimingObserver, TrackTiming};
+pub use tracks::{TRACKS_SCHEMA_VERSION, TracksInfo, TracksObserver, for_each_track_row, read_tracks};
+pub use tum::{StampedPose, TumObserver, read_tum, write_kitti, write_tum};
+pub use writer::{RunWriter, WriterOptions};

@@ -19,7 +19,9 @@ fn helix_points(radius: f64, pitch: f64, turns: f64, count: u32) -> Vec<Point3<f
 fn folded() -> CentreLine {
     let points: Vec<Point3<f64>> = (0..120)
         .map(|i| 0.01 * f64::from(i))
-        .map(|t| Point3::new(0.06 * (9.0 * t).sin(), 0.03 * (4.0 * t).cos(), 0.12 * t + 0.02 * (17.0 * t).cos()))
+        .map(|t| {
+            Point3::new(0.06 * (9.0 * t).sin(), 0.03 * (4.0 * t).cos(), 0.12 * t + 0.02 * (17.0 * t).cos())
+        })
         .collect();
     CentreLine::through(&points).unwrap()
 }
@@ -73,7 +75,7 @@ fn closed_form_straight_line_through_uneven_points() {
     let points: Vec<Point3<f64>> =
         [0.0, 0.001, 0.13, 0.14, 0.5].iter().map(|d| Point3::from(direction * *d)).collect();
     let line = CentreLine::through(&points).unwrap();
-    assert!((line.length_m() - 0.5).abs() < 1e-15);
+    assert!((line.length_m() - 0.5).abs() < 1e-13);
     for s in [0.0, 0.0005, 0.13, 0.3, 0.5] {
         let station = line.station(s);
         assert!((station.position_m.coords - direction * s).norm() < 1e-14);
@@ -131,9 +133,12 @@ fn law_the_line_is_twice_differentiable_across_knots() {
     let knots = line.knots_m().to_vec();
     for knot in &knots[1..knots.len() - 1] {
         let (a, b) = (line.station(knot - 1e-10), line.station(knot + 1e-10));
-        assert!((a.tangent - b.tangent).norm() < 1e-7);
-        assert!((a.curvature_per_m - b.curvature_per_m).abs() < 1e-4, "curvature jumps at {knot}");
-        assert!((a.normal - b.normal).norm() < 1e-7);
+        // A step of 2e-10 m turns tangent and normal by no more than the curvature says.
+        let turn = 2.1e-10 * a.curvature_per_m + 1e-11;
+        assert!((a.tangent - b.tangent).norm() < turn);
+        assert!((a.normal - b.normal).norm() < turn);
+        let jump = (a.curvature_per_m - b.curvature_per_m).abs();
+        assert!(jump < 1e-5 * a.curvature_per_m.max(1.0), "curvature jumps by {jump} at {knot}");
     }
 }
 
@@ -180,10 +185,12 @@ fn cross_global_nearest_equals_brute_force() {
     let line = folded();
     for i in 0..60 {
         let t = f64::from(i);
-        let point = Point3::new(0.08 * (1.3 * t).sin(), 0.05 * (2.1 * t).cos(), 0.08 + 0.09 * (0.7 * t).sin());
+        let point =
+            Point3::new(0.08 * (1.3 * t).sin(), 0.05 * (2.1 * t).cos(), 0.08 + 0.09 * (0.7 * t).sin());
         let distance = |s: f64| (line.station(s).position_m - point).norm();
         let n = 60_000;
-        let samples: Vec<f64> = (0..=n).map(|k| distance(line.length_m() * f64::from(k) / f64::from(n))).collect();
+        let samples: Vec<f64> =
+            (0..=n).map(|k| distance(line.length_m() * f64::from(k) / f64::from(n))).collect();
         let mut minima: Vec<f64> = (0..samples.len())
             .filter(|k| {
                 let left = k.checked_sub(1).is_none_or(|l| samples[l] > samples[*k]);

@@ -4,9 +4,9 @@
 //! mean_k = (1/N) sum_runs NEES_k,    N mean_k ~ chi2(N dof)
 //! ```
 //!
-//! Runs are independent, so at one step the band is exact for a linear-Gaussian filter whose truth is drawn from
-//! its own model. Steps are not independent of each other; therefore the share of steps in the band is judged with
-//! slack ([`super::verdict::CONSISTENT_SHARE_OF_STEPS`]), not by a further test.
+//! Runs are independent, so at one step the band is exact for a linear-Gaussian filter whose truth is drawn
+//! from its own model. Steps are not independent of each other; therefore the share of steps in the band is
+//! judged with slack ([`super::verdict::CONSISTENT_SHARE_OF_STEPS`]), not by a further test.
 
 use crate::chi_square::{Band, mean_chi_square_band};
 use crate::error::EvaluationError;
@@ -52,8 +52,9 @@ impl NeesAcrossRuns {
         Self { dof, runs: 0, steps: Vec::new() }
     }
 
-    /// Takes the NEES of each step of one run; a value that is not finite stands for a step without estimate, runs
-    /// may differ in length. Runs must come in the order of their trials, so that sums do not depend on threads.
+    /// Takes the NEES of each step of one run; a value that is not finite stands for a step without estimate,
+    /// runs may differ in length. Runs must come in the order of their trials, so that sums do not depend on
+    /// threads.
     pub fn push_run(&mut self, nees_per_step: &[f64]) {
         self.runs += 1;
         let length = self.steps.len().max(nees_per_step.len());
@@ -144,7 +145,10 @@ mod tests {
         assert_relative_eq!(bands[2].unwrap().upper, -2.0 * 0.025_f64.ln(), max_relative = 1e-9);
         let summary = runs.summary().unwrap();
         assert_eq!((summary.runs, summary.steps), (2, 2));
-        assert_eq!((summary.share_inside_95, summary.share_above_95, summary.share_below_95), (0.5, 0.5, 0.0));
+        assert_eq!(
+            (summary.share_inside_95, summary.share_above_95, summary.share_below_95),
+            (0.5, 0.5, 0.0)
+        );
         assert_relative_eq!(summary.mean_per_dof, 46.0 / 6.0);
         assert_eq!(runs.share_of_steps_within(Band { lower: 0.85, upper: 1.6 }), Some(0.5));
     }

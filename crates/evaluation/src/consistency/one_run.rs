@@ -87,8 +87,8 @@ impl NeesAccumulator {
         self.not_positive_definite += 1;
     }
 
-    /// Takes the error and covariance of one pose; returns its NEES, `None` where the covariance gives none (counted).
-    /// `block` must have the degrees of freedom of the collection.
+    /// Takes the error and covariance of one pose; returns its NEES, `None` where the covariance gives none
+    /// (counted). `block` must have the degrees of freedom of the collection.
     ///
     /// # Errors
     /// The block has other degrees of freedom.
@@ -110,8 +110,8 @@ impl NeesAccumulator {
         Ok(value)
     }
 
-    /// The figures; `None` where no update gave a NEES and none was unusable. With only unusable updates the mean
-    /// and the shares are zero and the count tells why.
+    /// The figures; `None` where no update gave a NEES and none was unusable. With only unusable updates the
+    /// mean and the shares are zero and the count tells why.
     pub fn summary(&self) -> Option<NeesSummary> {
         if self.updates + self.not_positive_definite == 0 {
             return None;
@@ -241,7 +241,8 @@ mod tests {
             .sum()
     }
 
-    /// Bands and regions hold what they promise for Gaussian errors: 20000 draws, limits at 4 standard errors.
+    /// Bands and regions hold what they promise for Gaussian errors: 20000 draws, limits at 4 standard
+    /// errors.
     #[test]
     fn law_gaussian_errors_fill_the_bands() {
         let mut rng = Pcg64Mcg::seed_from_u64(7);
@@ -274,7 +275,8 @@ mod tests {
         }
     }
 
-    /// White NIS with varying numbers of readings, pooled: 300 runs at a nominal 5 % leave the band 5 % of the time.
+    /// White NIS with varying numbers of readings, pooled: 300 runs at a nominal 5 % leave the band 5 % of
+    /// the time.
     #[test]
     fn law_pooled_nis_rejects_at_its_level() {
         let mut rng = Pcg64Mcg::seed_from_u64(9);

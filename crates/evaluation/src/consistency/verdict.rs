@@ -1,10 +1,10 @@
 //! What the figures say about a filter's claims, in words.
 //!
-//! Rules for one run, where NEES may not be tested (it is correlated in time) and a smooth path under a noisy motion
-//! model lies below 1 by nature:
+//! Rules for one run, where NEES may not be tested (it is correlated in time) and a smooth path under a noisy
+//! motion model lies below 1 by nature:
 //!
-//! - a mean NEES above [`OVERCONFIDENT_NEES_PER_DOF`] per degree of freedom, or a covariance that is not positive
-//!   definite, is *overconfident*;
+//! - a mean NEES above [`OVERCONFIDENT_NEES_PER_DOF`] per degree of freedom, or a covariance that is not
+//!   positive definite, is *overconfident*;
 //! - one below [`CAUTIOUS_NEES_PER_DOF`] is *cautious*;
 //! - between them it is *consistent*, that is: nothing speaks against it.
 //!
@@ -20,16 +20,17 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// Mean NEES per degree of freedom above which one run is overconfident: errors 1.22 times as large as claimed. The
-/// project's acceptance limit for deterministic paths.
+/// Mean NEES per degree of freedom above which one run is overconfident: errors 1.22 times as large as
+/// claimed. The project's acceptance limit for deterministic paths.
 pub const OVERCONFIDENT_NEES_PER_DOF: f64 = 1.5;
 
-/// Mean NEES per degree of freedom below which one run is cautious: claimed standard deviations more than twice the
-/// errors. Looser than its counterpart because a filter must allow for motions that a given path does not make.
+/// Mean NEES per degree of freedom below which one run is cautious: claimed standard deviations more than
+/// twice the errors. Looser than its counterpart because a filter must allow for motions that a given path
+/// does not make.
 pub const CAUTIOUS_NEES_PER_DOF: f64 = 0.25;
 
-/// Share of steps whose mean NEES over runs must lie in the 95 % band. Neighbouring steps share their errors, so in
-/// 200 runs a perfect filter has stretches outside; 0.90 is the project's acceptance limit.
+/// Share of steps whose mean NEES over runs must lie in the 95 % band. Neighbouring steps share their errors,
+/// so in 200 runs a perfect filter has stretches outside; 0.90 is the project's acceptance limit.
 pub const CONSISTENT_SHARE_OF_STEPS: f64 = 0.90;
 
 /// A judgement on a filter's claims.
@@ -62,7 +63,9 @@ impl Verdict {
         let ratio = per_dof.sqrt();
         if per_dof > OVERCONFIDENT_NEES_PER_DOF {
             let limit = OVERCONFIDENT_NEES_PER_DOF;
-            return Self::Overconfident(format!("{figures}, limit {limit}): errors {ratio:.2} times the claim"));
+            return Self::Overconfident(format!(
+                "{figures}, limit {limit}): errors {ratio:.2} times the claim"
+            ));
         }
         if per_dof < CAUTIOUS_NEES_PER_DOF {
             let limit = CAUTIOUS_NEES_PER_DOF;
@@ -73,7 +76,8 @@ impl Verdict {
 
     /// The verdict of the innovations of one run: the summed NIS against its 95 % band.
     ///
-    /// The test is strict: with many updates a mismatch of a percent shows. Read the figure, not only the word.
+    /// The test is strict: with many updates a mismatch of a percent shows. Read the figure, not only the
+    /// word.
     pub fn of_innovations(nis: &NisSummary) -> Self {
         let (value, band) = (nis.mean_per_dof, nis.pooled_band_95_per_dof);
         let figures = format!(
@@ -83,20 +87,18 @@ impl Verdict {
         Self::by_band(value < band.lower, value > band.upper, figures)
     }
 
-    /// The verdict over Monte-Carlo runs: at least [`CONSISTENT_SHARE_OF_STEPS`] of the steps inside the band, else
-    /// the side on which more steps lie.
+    /// The verdict over Monte-Carlo runs: at least [`CONSISTENT_SHARE_OF_STEPS`] of the steps inside the
+    /// band, else the side on which more steps lie.
     pub fn of_runs(summary: &AcrossRunsSummary) -> Self {
         if summary.share_inside_95 >= CONSISTENT_SHARE_OF_STEPS {
             return Self::Consistent;
         }
         let above = summary.share_above_95 >= summary.share_below_95;
-        let (share, side) = if above {
-            (summary.share_above_95, "above")
-        } else {
-            (summary.share_below_95, "below")
-        };
+        let (share, side) =
+            if above { (summary.share_above_95, "above") } else { (summary.share_below_95, "below") };
         let figures = format!(
-            "mean NEES over {} runs lies {side} its 95 % band at {:.0} % of {} steps ({:.2} per degree of freedom)",
+            "mean NEES over {} runs lies {side} its 95 % band at {:.0} % of {} steps \
+             ({:.2} per degree of freedom)",
             summary.runs,
             100.0 * share,
             summary.steps,
@@ -183,7 +185,8 @@ mod tests {
         let text = Verdict::of_run(&summary(12.0)).to_string();
         assert_eq!(
             text,
-            "overconfident: mean NEES 12.00 at 3 degrees of freedom (4.00 each, limit 1.5): errors 2.00 times the claim"
+            "overconfident: mean NEES 12.00 at 3 degrees of freedom (4.00 each, limit 1.5): \
+             errors 2.00 times the claim"
         );
         let text = Verdict::of_run(&summary(0.48)).to_string();
         assert!(text.starts_with("cautious: mean NEES 0.48"), "{text}");

@@ -5,11 +5,15 @@
 //! Q   = n (n + 2) sum_{k=1..K} r_k^2 / (n - k)  ~  chi2(K)  for white x
 //! ```
 //!
-//! The sums over lagged products are kept for values shifted by the first one and put right for the mean at the end, so
-//! memory is 2 K numbers however long the run. Vector innovations are made uncorrelated by the Cholesky factor of
-//! their covariance, tested component by component, and the smallest p is corrected by Holm's rule.
+//! The sums over lagged products are kept for values shifted by the first one and put right for the mean at
+//! the end, so memory is 2 K numbers however long the run. Vector innovations are made uncorrelated by the
+//! Cholesky factor of their covariance, tested component by component, and the smallest p is corrected by
+//! Holm's rule.
 //!
-//! A coloured innovation says what a NEES of 1 can hide: a bias that drifts, a delay, a motion model that lags.
+//! The order of values counts, their times do not: test one sensor of constant rate at a time.
+//!
+//! A coloured innovation says what a NEES of 1 can hide: a bias that drifts, a delay, a motion model that
+//! lags.
 
 use super::whitened;
 use crate::chi_square::chi_square_tail;
@@ -168,7 +172,8 @@ impl InnovationWhiteness {
         self.components.iter().map(LjungBox::result).collect()
     }
 
-    /// Smallest p over the components, corrected for their number; white at level alpha if it is not below alpha.
+    /// Smallest p over the components, corrected for their number; white at level alpha if it is not below
+    /// alpha.
     ///
     /// # Errors
     /// As [`LjungBox::result`]; no innovations.

@@ -6,8 +6,8 @@
 //! p(z) = Phi( z0 + (z0 + z) / (1 - a (z0 + z)) ),   interval = quantiles p(z_{alpha/2}), p(z_{1-alpha/2})
 //! ```
 //!
-//! Quantiles of the resampled statistics by the linear rule of [`crate::summary`]. With fewer than about ten values
-//! every bootstrap interval is somewhat too narrow.
+//! Quantiles of the resampled statistics by the linear rule of [`crate::summary`]. With fewer than about ten
+//! values every bootstrap interval is somewhat too narrow.
 
 use crate::chi_square::{Band, standard_normal_probability, standard_normal_quantile};
 use crate::error::{EvaluationError, all_finite, proper_share};
@@ -15,7 +15,8 @@ use crate::summary::quantile_of_sorted;
 use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
 
-/// Resamples taken where nothing else is asked for: the ends of a 95 % interval then wander by 1 to 2 % of its width.
+/// Resamples taken where nothing else is asked for: the ends of a 95 % interval then wander by 1 to 2 % of
+/// its width.
 pub const DEFAULT_RESAMPLES: usize = 9_999;
 
 /// How an interval is made.
@@ -67,12 +68,14 @@ pub fn mean_with_interval<R: Rng + ?Sized>(
     })
 }
 
-/// The BCa interval of any statistic of a sample of independent values (the order of values must not matter to it).
+/// The BCa interval of any statistic of a sample of independent values (the order of values must not matter
+/// to it).
 ///
 /// Values that all give the same statistic (all equal, say) give an interval of no width.
 ///
 /// # Errors
-/// Fewer than 2 values, values or statistics that are not finite, a confidence outside of (0, 1), no resamples.
+/// Fewer than 2 values, values or statistics that are not finite, a confidence outside of (0, 1), no
+/// resamples.
 pub fn bca_interval<R: Rng + ?Sized>(
     values: &[f64],
     statistic: impl Fn(&[f64]) -> f64,
@@ -200,7 +203,8 @@ mod tests {
         assert_eq!(interval(), interval());
     }
 
-    /// Over many samples of a skewed distribution the 90 % interval holds the true mean about 90 % of the time.
+    /// Over many samples of a skewed distribution the 90 % interval holds the true mean about 90 % of the
+    /// time.
     #[test]
     fn law_interval_covers_the_mean_of_a_skewed_distribution() {
         let mut rng = Pcg64Mcg::seed_from_u64(2);

@@ -4,9 +4,9 @@
 //! d_k = figure of the second track at seed k - figure of the first        (positive: the first is better)
 //! ```
 //!
-//! Figures are errors: smaller is better. The mean of `d` with its BCa interval says how much, the signed-rank test
-//! how sure; "beats" is said only if the interval leaves zero out *and* p (Holm-corrected in a family) is below
-//! [`SIGNIFICANCE`].
+//! Figures are errors: smaller is better. The mean of `d` with its BCa interval says how much, the
+//! signed-rank test how sure; "beats" is said only if the interval leaves zero out *and* p (Holm-corrected in
+//! a family) is below [`SIGNIFICANCE`].
 
 use super::bootstrap::{BootstrapSettings, MeanInterval, mean_with_interval};
 use super::signed_rank::{SignedRank, holm, signed_rank};
@@ -25,7 +25,8 @@ pub struct PairedComparison {
     pub first: String,
     /// Name of the second track.
     pub second: String,
-    /// Mean of second minus first with its interval, in the unit of the figures; positive: the first is better.
+    /// Mean of second minus first with its interval, in the unit of the figures; positive: the first is
+    /// better.
     pub advantage_of_first: MeanInterval,
     /// The test; a positive effect: the first is better.
     pub test: SignedRank,
@@ -51,11 +52,7 @@ pub fn compare_paired<R: Rng + ?Sized>(
         .collect();
     let given = differences.len();
     if given < 2 {
-        return Err(EvaluationError::TooFew {
-            what: "paired comparison on common seeds",
-            needed: 2,
-            given,
-        });
+        return Err(EvaluationError::TooFew { what: "paired comparison on common seeds", needed: 2, given });
     }
     Ok(PairedComparison {
         first: first.to_owned(),
@@ -90,8 +87,8 @@ impl PairedComparison {
         self.interval_leaves_out_zero() && self.p_value() < SIGNIFICANCE
     }
 
-    /// The finding in one sentence. Figures are multiplied by `factor` and carry `unit`: metres and `(1e3, "mm")` give
-    /// "magnetic-eskf beats magnetic by 1.9 mm (95 % CI 1.7 to 2.1, 20 seeds)".
+    /// The finding in one sentence. Figures are multiplied by `factor` and carry `unit`: metres and `(1e3,
+    /// "mm")` give "magnetic-eskf beats magnetic by 1.9 mm (95 % CI 1.7 to 2.1, 20 seeds)".
     pub fn sentence(&self, factor: f64, unit: &str) -> String {
         let ahead = self.advantage_of_first.mean >= 0.0;
         let (winner, loser) = if ahead { (&self.first, &self.second) } else { (&self.second, &self.first) };
@@ -108,7 +105,8 @@ impl PairedComparison {
         } else if self.interval_leaves_out_zero() {
             let p = self.p_value();
             format!(
-                "{winner} is ahead of {loser} by {figures}, which the signed-rank test does not confirm (p = {p:.2})"
+                "{winner} is ahead of {loser} by {figures}, \
+                 which the signed-rank test does not confirm (p = {p:.2})"
             )
         } else {
             format!("no difference shown between {winner} and {loser}: {winner} ahead by {figures}")
@@ -201,8 +199,7 @@ mod tests {
         assert_eq!((comparison.advantage_of_first.count, comparison.unpaired_seeds), (19, 2));
         let mut rng = Pcg64Mcg::seed_from_u64(1);
         let alone = figures(&[0.1]);
-        let refused =
-            compare_paired(("a", &alone), ("b", &second), &BootstrapSettings::default(), &mut rng);
+        let refused = compare_paired(("a", &alone), ("b", &second), &BootstrapSettings::default(), &mut rng);
         assert!(matches!(refused, Err(EvaluationError::TooFew { given: 1, .. })));
     }
 

@@ -1,4 +1,5 @@
-//! Wilcoxon's signed-rank test of paired differences, its effect size, and Holm's correction of several tests.
+//! Wilcoxon's signed-rank test of paired differences, its effect size, and Holm's correction of several
+//! tests.
 //!
 //! ```text
 //! ranks of |d_i| (equal ones share the mean rank; zeros are dropped),  W+ = sum of ranks with d > 0,  W- likewise
@@ -7,9 +8,9 @@
 //! normal:  z = (T - n(n+1)/4) / sqrt( (n(n+1)(2n+1) - sum(t^3 - t)/2) / 24 ),  p = 2 Phi(-|z|),  t sizes of ties
 //! ```
 //!
-//! Exact up to [`EXACT_UP_TO`] differences without ties and zeros, else the normal approximation with correction for
-//! ties and without correction for continuity (as SciPy's `wilcoxon`). With 5 differences the smallest possible p is 0.0625:
-//! fewer than 6 seeds can never reach 5 %.
+//! Exact up to [`EXACT_UP_TO`] differences without ties and zeros, else the normal approximation with
+//! correction for ties and without correction for continuity (as SciPy's `wilcoxon`). With 5 differences the
+//! smallest possible p is 0.0625: fewer than 6 seeds can never reach 5 %.
 
 use crate::chi_square::standard_normal_probability;
 use crate::error::{EvaluationError, all_finite};
@@ -77,8 +78,8 @@ pub fn signed_rank(differences: &[f64]) -> Result<SignedRank, EvaluationError> {
     Ok(SignedRank { statistic, p_value, effect, count: n, method })
 }
 
-/// Holm's step-down correction (1979): p-values of a family, in the order given, such that comparing each with alpha
-/// keeps the probability of any false finding below alpha.
+/// Holm's step-down correction (1979): p-values of a family, in the order given, such that comparing each
+/// with alpha keeps the probability of any false finding below alpha.
 ///
 /// # Errors
 /// p-values that are not finite.

@@ -1,6 +1,7 @@
 //! Absolute pose error: each estimated pose against its reference pose, `E_i = P_i^-1 Q_i`.
 //!
-//! With [`Relation::TranslationPart`] this is the absolute trajectory error (ATE), the distance of the positions.
+//! With [`Relation::TranslationPart`] this is the absolute trajectory error (ATE), the distance of the
+//! positions.
 
 use super::{AssociatedPoses, Relation, Statistics};
 use crate::error::EvaluationError;
@@ -30,8 +31,10 @@ mod tests {
 
     #[test]
     fn closed_form_constant_offset() {
-        let reference: Vec<_> = (0..5).map(|i| Isometry3::translation(0.01 * f64::from(i), 0.0, 0.0)).collect();
-        let estimate = reference.iter().map(|pose| Isometry3::translation(0.0, 0.003, 0.004) * pose).collect();
+        let reference: Vec<_> =
+            (0..5).map(|i| Isometry3::translation(0.01 * f64::from(i), 0.0, 0.0)).collect();
+        let estimate =
+            reference.iter().map(|pose| Isometry3::translation(0.0, 0.003, 0.004) * pose).collect();
         let pairs = AssociatedPoses { stamps_s: vec![0.0; 5], reference, estimate };
         let statistics = absolute_pose_error(&pairs, Relation::TranslationPart).unwrap();
         assert_relative_eq!(statistics.rmse, 0.005, epsilon = 1e-15);

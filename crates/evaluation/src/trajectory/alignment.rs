@@ -1,5 +1,5 @@
-//! The rigid motion or similarity that brings an estimate onto its reference with the smallest squared distance
-//! of positions (Umeyama 1991).
+//! The rigid motion or similarity that brings an estimate onto its reference with the smallest squared
+//! distance of positions (Umeyama 1991).
 //!
 //! ```text
 //! minimise  sum_i || q_i - (s R p_i + t) ||^2,     q reference, p estimate
@@ -7,17 +7,17 @@
 //! R = U W V^T,   s = trace(D W) / var(p)  (1 for SE(3)),   t = mean q - s R mean p
 //! ```
 //!
-//! Only positions enter; attitudes are turned along. Positions on a line, or a capsule at rest, leave a rotation
-//! free: that is an error here, not an arbitrary answer. The rank is judged relative to the largest singular value
-//! (evo compares with an absolute 2e-16 m^2, which at the scale of a capsule refuses paths below 15 nm of width; the
-//! two agree on every trajectory of a capsule that moves).
+//! Only positions enter; attitudes are turned along. Positions on a line, or a capsule at rest, leave a
+//! rotation free: that is an error here, not an arbitrary answer. The rank is judged relative to the largest
+//! singular value (evo compares with an absolute 2e-16 m^2, which at the scale of a capsule refuses paths
+//! below 15 nm of width; the two agree on every trajectory of a capsule that moves).
 
 use super::AssociatedPoses;
 use crate::error::EvaluationError;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// A path whose second singular value is below this share of the first is a line: its width is then less than a
-/// millionth of its length, below a micrometre in the gut, which is rounding of a file and not a shape.
+/// A path whose second singular value is below this share of the first is a line: its width is then less than
+/// a millionth of its length, below a micrometre in the gut, which is rounding of a file and not a shape.
 const DEGENERATE_SHARE: f64 = 1e-12;
 
 /// What may be fitted.
@@ -145,7 +145,10 @@ mod tests {
             Isometry3::from_parts(Translation3::from(back.translation.vector / scale), back.rotation)
         });
         let estimate = estimate.collect();
-        (AssociatedPoses { stamps_s: vec![0.0; reference.len()], reference: reference.to_vec(), estimate }, truth)
+        (
+            AssociatedPoses { stamps_s: vec![0.0; reference.len()], reference: reference.to_vec(), estimate },
+            truth,
+        )
     }
 
     #[test]
@@ -154,7 +157,11 @@ mod tests {
             let (pairs, truth) = moved(&helix(40), scale);
             let (aligned_pairs, found) = aligned(&pairs, kind).unwrap();
             assert_relative_eq!(found.scale, truth.scale, epsilon = 1e-12);
-            assert_relative_eq!(found.reference_from_estimate, truth.reference_from_estimate, epsilon = 1e-12);
+            assert_relative_eq!(
+                found.reference_from_estimate,
+                truth.reference_from_estimate,
+                epsilon = 1e-12
+            );
             for (a, b) in aligned_pairs.estimate.iter().zip(&pairs.reference) {
                 assert_relative_eq!(a, b, epsilon = 1e-12);
             }
@@ -184,22 +191,37 @@ mod tests {
         assert!(matches!(fit_alignment(&pairs, AlignmentKind::Rigid), Err(EvaluationError::TooFew { .. })));
     }
 
-    /// The optimum: no small extra motion makes the squared distances smaller.
+    /// The optimum: no small extra motion makes the squared distances smaller, with a noisy estimate as with
+    /// a mirrored one, whose best orthogonal matrix is no rotation.
     #[test]
     fn law_no_neighbouring_motion_fits_better() {
-        let (mut pairs, _) = moved(&helix(40), 1.0);
-        for (i, pose) in pairs.estimate.iter_mut().enumerate() {
+        let (mut noisy, _) = moved(&helix(40), 1.0);
+        for (i, pose) in noisy.estimate.iter_mut().enumerate() {
             let k = i as f64;
-            pose.translation.vector += Vector3::new((7.0 * k).sin(), (11.0 * k).cos(), (13.0 * k).sin()) * 1e-3;
+            pose.translation.vector +=
+                Vector3::new((7.0 * k).sin(), (11.0 * k).cos(), (13.0 * k).sin()) * 1e-3;
         }
+        let mut mirrored = noisy.clone();
+        for pose in &mut mirrored.estimate {
+            pose.translation.x = -pose.translation.x;
+        }
+        for pairs in [noisy, mirrored] {
+            let best = fit_alignment(&pairs, AlignmentKind::Similarity).unwrap();
+            let rotation = best.reference_from_estimate.rotation.to_rotation_matrix();
+            assert_relative_eq!(rotation.matrix().determinant(), 1.0, epsilon = 1e-12);
+            assert_optimal(&pairs, &best);
+        }
+    }
+
+    fn assert_optimal(pairs: &AssociatedPoses, best: &Alignment) {
         let cost = |alignment: &Alignment| -> f64 {
             let both = pairs.estimate.iter().zip(&pairs.reference);
-            both.map(|(e, r)| (alignment.apply(e).translation.vector - r.translation.vector).norm_squared()).sum()
+            both.map(|(e, r)| (alignment.apply(e).translation.vector - r.translation.vector).norm_squared())
+                .sum()
         };
-        let best = fit_alignment(&pairs, AlignmentKind::Similarity).unwrap();
         for axis in 0..7 {
             for step in [-1e-4, 1e-4] {
-                let mut other = best;
+                let mut other = *best;
                 let mut direction = Vector3::zeros();
                 direction[axis % 3] = step;
                 match axis {
@@ -210,7 +232,7 @@ mod tests {
                     }
                     _ => other.scale += step,
                 }
-                assert!(cost(&other) > cost(&best), "axis {axis}, step {step}");
+                assert!(cost(&other) > cost(best), "axis {axis}, step {step}");
             }
         }
     }

@@ -1,5 +1,6 @@
-//! Relative pose error: the motion between two poses of the estimate against the same motion of the reference,
-//! `E_ij = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j)`. It shows drift and jitter, and does not see a constant offset.
+//! Relative pose error: the motion between two poses of the estimate against the same motion of the
+//! reference, `E_ij = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j)`. It shows drift and jitter, and does not see a constant
+//! offset.
 //!
 //! Which pairs (i, j) are compared is part of the definition (rules of evo 1.38.1):
 //!
@@ -10,8 +11,8 @@
 //! | radians, degrees | turns between neighbours summed until they reach d | every later j whose direct angle is within the tolerance of d |
 //! | seconds (ours) | time since the last pair's end reaches d | from every i the later j nearest to d, within the tolerance |
 //!
-//! The tolerance is a share of d (evo: 0.1) and applies to all pairs only. Pairs are chosen on the reference by
-//! default; evo chooses them on the estimate, whose noise lengthens its path.
+//! The tolerance is a share of d (evo: 0.1) and applies to all pairs only. Pairs are chosen on the reference
+//! by default; evo chooses them on the estimate, whose noise lengthens its path.
 
 use super::{AssociatedPoses, Relation, Statistics};
 use crate::error::EvaluationError;
@@ -109,8 +110,8 @@ impl RelativeErrors {
         Statistics::of(&self.errors)
     }
 
-    /// Drift: sum of the errors over the sum of the reference's paths, a share (with the translation part: metres
-    /// per metre). `None` where the reference does not move.
+    /// Drift: sum of the errors over the sum of the reference's paths, a share (with the translation part:
+    /// metres per metre). `None` where the reference does not move.
     pub fn drift_share(&self) -> Option<f64> {
         let path_m: f64 = self.reference_path_m.iter().sum();
         (path_m > 0.0).then(|| self.errors.iter().sum::<f64>() / path_m)
@@ -120,7 +121,8 @@ impl RelativeErrors {
 /// The relative pose error under a rule of pairs.
 ///
 /// # Errors
-/// [`EvaluationError::NoPairs`] where nothing is as far apart as asked; a delta that is not positive and finite.
+/// [`EvaluationError::NoPairs`] where nothing is as far apart as asked; a delta that is not positive and
+/// finite.
 pub fn relative_pose_error(
     poses: &AssociatedPoses,
     relation: Relation,
@@ -342,7 +344,10 @@ mod tests {
             pairs(&path, PairRule::consecutive(Delta::Seconds(1.0))),
             vec![(0, 10), (10, 20), (20, 30)]
         );
-        assert_eq!(pairs(&path, PairRule::all(Delta::Seconds(2.9))), vec![(0, 29), (1, 30), (2, 30), (3, 30)]);
+        assert_eq!(
+            pairs(&path, PairRule::all(Delta::Seconds(2.9))),
+            vec![(0, 29), (1, 30), (2, 30), (3, 30)]
+        );
     }
 
     #[test]
@@ -378,11 +383,8 @@ mod tests {
                 relative_pose_error(&path, Relation::TranslationPart, &PairRule::consecutive(delta));
             assert!(matches!(refused, Err(EvaluationError::OutOfRange { .. })), "{delta}");
         }
-        let refused = relative_pose_error(
-            &path,
-            Relation::TranslationPart,
-            &PairRule::consecutive(Delta::Metres(5.0)),
-        );
+        let refused =
+            relative_pose_error(&path, Relation::TranslationPart, &PairRule::consecutive(Delta::Metres(5.0)));
         assert_eq!(refused, Err(EvaluationError::NoPairs { delta: "5 m".to_owned() }));
     }
 }

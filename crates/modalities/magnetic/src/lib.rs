@@ -1,1 +1,76 @@
-//! Skeleton.
+//! Magnetic localization, set-up A: a magnet in the capsule, magnetometers around the body.
+//!
+//! The field of a small magnet falls with the third power of the distance, so a handful of magnetometers on a belt or in a
+//! table tells where it is and where its north points; the roll about its own axis is unobservable. The crate's rooms:
+//!
+//! | physics | [`channels`] (flux and derivatives), [`solver`] (maximum likelihood), [`bound`] (Cramér-Rao) |
+//! |---|---|
+//! | world | [`sensor`] (noise, flaws, ambient field, disturbances, saturation, quantisation) |
+//! | estimator | [`front_end`] (`pose`, `flux`), [`model`] (raw readings for the filter) |
+//! | files | [`array`], [`config`], [`reader`] |
+//!
+//! Source: B. Moussakhani, T. Ramstad, J. T. Flåm, I. Balasingham, "On localizing a capsule endoscope using magnetic sensors"
+//! (2012), with its equations 6 and 10 to 14 corrected. Not here yet: the set-up with sensors in the capsule.
+
+pub mod array;
+pub mod bound;
+pub mod channels;
+pub mod config;
+pub mod front_end;
+pub mod model;
+pub mod reader;
+pub mod sensor;
+pub mod solver;
+
+use config::{Installed, OptionsTable, RealityTable};
+use front_end::MagneticFrontEnd;
+use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
+use sensor::MagneticSensor;
+
+/// The plugin.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Magnetic;
+
+impl Modality for Magnetic {
+    fn kind(&self) -> &'static str {
+        "magnetic"
+    }
+
+    fn about(&self) -> &'static str {
+        "a magnet in the capsule, magnetometers around the body (5 degrees of freedom)"
+    }
+
+    fn front_ends(&self) -> &'static [&'static str] {
+        &["pose", "flux"]
+    }
+
+    fn sensor(&self, installed: &Node, reality: &Node, setup: &Setup) -> Result<Box<dyn Sensor>, ModalityError> {
+        let opened = Installed::from_node(installed, setup)?;
+        let table: RealityTable = reality.parse()?;
+        if table.strength_error.0 <= -1.0 {
+            let message = "a strength error of -1 or below leaves no magnet; allowed: above -1";
+            return Err(reality.error_at("strength_error", message).into());
+        }
+        for (i, disturbance) in table.disturbance.iter().enumerate() {
+            if disturbance.end_s.0 <= disturbance.start_s.0 {
+                let message = format!("disturbance {i} ends before it starts");
+                return Err(reality.error_at("disturbance", &message).into());
+            }
+        }
+        let Some(schedule) = setup.schedule else {
+            return Err(installed.error("a simulated sensor needs a [sensor.schedule]").into());
+        };
+        Ok(Box::new(MagneticSensor::new(setup.sensor.clone(), opened, table, schedule)))
+    }
+
+    fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
+        let opened = Installed::from_node(installed, setup)?;
+        let table: OptionsTable = options.parse()?;
+        Ok(Estimator::of_front_end(MagneticFrontEnd::new(setup.sensor.clone(), &opened, &table)))
+    }
+
+    fn reader(&self, installed: &Node, files: &Node, setup: &Setup) -> Result<ReadingStream, ModalityError> {
+        let opened = Installed::from_node(installed, setup)?;
+        reader::open(&opened, files, setup)
+    }
+}

@@ -1,0 +1,181 @@
+//! The tables of a magnetic sensor in a scenario.
+//!
+//! `[sensor.installed]` is what both sides know, `[sensor.reality]` what the world does beyond it, `[track.options.<sensor>]`
+//! what an estimator is told to do. The magnet itself stands in the capsule's model: `[magnet]`.
+
+use crate::array::SensorArray;
+use crate::front_end::Output;
+use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
+use lumenav_core::{ConfigError, ModalityError, Node, Setup};
+use lumenav_fields::{Cylinder, FieldSource};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// `[sensor.installed]`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InstalledTable {
+    /// Name of a sensor array in `models/sensor-arrays`, or a path.
+    pub array: String,
+    /// Whether readings clip at the array's saturation.
+    #[serde(default = "yes")]
+    pub saturation: bool,
+    /// Whether readings are rounded to the array's resolution.
+    #[serde(default = "yes")]
+    pub quantization: bool,
+    /// Noise of one reading of one axis, T; absent: the array's.
+    pub noise_tesla: Option<Positive>,
+    /// Name of the moving frame the array is fixed to (`torso`); absent: the room.
+    pub worn_on: Option<String>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// Field law of a magnet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Law {
+    /// Point dipole.
+    Dipole,
+    /// Exact field of the cylinder (Derby and Olbert 2010).
+    #[default]
+    Cylinder,
+}
+
+/// A magnetised object that comes near: a ferromagnetic disturbance, as a point dipole for a time.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DisturbanceTable {
+    /// When it comes, s.
+    pub start_s: NonNegative,
+    /// When it is gone, s.
+    pub end_s: Positive,
+    /// Where, mm in the world.
+    pub position_mm: [Finite; 3],
+    /// Its (induced) moment, A m².
+    pub moment_a_m2: [Finite; 3],
+}
+
+/// `[sensor.reality]`: what the world does that no estimator is told.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RealityTable {
+    /// Field law of the true magnet.
+    pub law: Law,
+    /// Standard deviation of a constant offset per channel, T.
+    pub bias_sigma_tesla: NonNegative,
+    /// Standard deviation of a relative gain error per channel.
+    pub gain_sigma: NonNegative,
+    /// Standard deviation of each channel's axis error, degrees per tangent direction.
+    pub axis_sigma_deg: NonNegative,
+    /// Standard deviation of each sensor's misplacement, mm per axis.
+    pub placement_sigma_mm: NonNegative,
+    /// Uniform ambient field in the world, T.
+    pub ambient_tesla: [Finite; 3],
+    /// Relative error of the magnet's strength (0.01: the true magnet is 1 % stronger).
+    pub strength_error: Finite,
+    /// Magnetised objects that come near.
+    pub disturbance: Vec<DisturbanceTable>,
+}
+
+/// `[track.options.<sensor>]` for a magnetic sensor.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OptionsTable {
+    /// `pose` (maximum likelihood) or `flux` (raw readings for the filter).
+    pub front_end: Output,
+    /// Field law that the estimator assumes.
+    pub law: Law,
+    /// Noise the estimator assumes, T; absent: the installed one.
+    pub noise_tesla: Option<Positive>,
+    /// Relative model error the estimator allows for, added to the noise as this share of each reading.
+    pub relative_error: NonNegative,
+    /// A pose whose χ² per degree of freedom exceeds this is refused as "does not fit a magnet". Absent: 25 (five standard
+    /// deviations on every channel).
+    pub max_reduced_chi_square: Option<Positive>,
+}
+
+/// `[magnet]` of a capsule model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MagnetTable {
+    /// Diameter, mm.
+    pub diameter_mm: Positive,
+    /// Length along its axis, mm.
+    pub length_mm: Positive,
+    /// Remanence, T.
+    pub remanence_tesla: Positive,
+    /// Its centre in the capsule's frame, mm.
+    #[serde(default)]
+    pub offset_mm: [Finite; 3],
+    /// Where the numbers come from.
+    pub source: String,
+}
+
+/// The magnet in the capsule: size, strength, place. Its north points along the capsule's x axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Magnet {
+    /// The cylinder.
+    pub cylinder: Cylinder,
+    /// Its centre in the capsule's frame, m.
+    pub offset_capsule_m: Vector3<f64>,
+}
+
+impl Magnet {
+    /// Reads `[magnet]` of a capsule's model file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line and key; a capsule without a magnet says so.
+    pub fn from_capsule(setup: &Setup) -> Result<Self, ConfigError> {
+        let Some(node) = setup.capsule_model.child("magnet") else {
+            let message = format!("sensor `{}` is magnetic, but this capsule has no [magnet]", setup.sensor);
+            return Err(setup.capsule_model.error(&message));
+        };
+        let table: MagnetTable = node.parse()?;
+        let (radius, length) = (0.5e-3 * table.diameter_mm.0, 1e-3 * table.length_mm.0);
+        let cylinder = Cylinder::magnet(radius, length, table.remanence_tesla.0)
+            .map_err(|error| node.error(&error.to_string()))?;
+        let [x, y, z] = table.offset_mm.map(|v| v.0 * 1e-3);
+        Ok(Self { cylinder, offset_capsule_m: Vector3::new(x, y, z) })
+    }
+
+    /// Its field law.
+    pub fn source(&self, law: Law) -> FieldSource {
+        match law {
+            Law::Dipole => FieldSource::Dipole { strength_t_m3: self.cylinder.strength_t_m3() },
+            Law::Cylinder => FieldSource::Cylinder(self.cylinder),
+        }
+    }
+}
+
+/// `[sensor.installed]` with its array opened.
+#[derive(Clone, Debug)]
+pub struct Installed {
+    /// The table.
+    pub table: InstalledTable,
+    /// The array.
+    pub array: SensorArray,
+    /// The magnet.
+    pub magnet: Magnet,
+}
+
+impl Installed {
+    /// Reads the table, the array's file and the capsule's magnet.
+    ///
+    /// # Errors
+    /// [`ModalityError::Config`] with file, line and key.
+    pub fn from_node(node: &Node, setup: &Setup) -> Result<Self, ModalityError> {
+        let table: InstalledTable = node.parse()?;
+        let file = setup.models.open("sensor-arrays", &table.array, node, "array")?;
+        let array = SensorArray::from_node(&file)?;
+        let magnet = Magnet::from_capsule(setup)?;
+        Ok(Self { table, array, magnet })
+    }
+
+    /// Noise of one reading of one axis, T.
+    pub fn noise_tesla(&self) -> f64 {
+        self.table.noise_tesla.map_or(self.array.noise_tesla, |v| v.0)
+    }
+}

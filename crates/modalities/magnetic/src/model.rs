@@ -1,0 +1,90 @@
+//! The raw model: a flux reading explained by a capsule's pose.
+//!
+//! Residual `z_k - h_k` over the valid channels, Jacobian by `[δp_world, δθ_capsule]`, independent noise
+//! `σ_k² = σ² + (ε z_k)²` with ε the relative model error that the estimator allows for.
+
+use crate::channels::{Channels, Prediction};
+use lumenav_core::{
+    Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part, StateView,
+};
+use lumenav_fields::FieldSource;
+use nalgebra::{DMatrix, DVector, Vector3};
+use std::sync::Arc;
+
+/// Flux readings of an array at known places.
+#[derive(Clone, Debug)]
+pub struct FluxModel {
+    /// The channels at the reading's time.
+    pub channels: Arc<Channels>,
+    /// The assumed source.
+    pub source: FieldSource,
+    /// The magnet in the capsule, m.
+    pub offset_capsule_m: Vector3<f64>,
+    /// Assumed noise, T.
+    pub noise_tesla: f64,
+    /// Assumed relative model error.
+    pub relative_error: f64,
+}
+
+impl FluxModel {
+    /// Variance of a channel's noise, T².
+    pub fn variance(&self, flux_tesla: f64) -> f64 {
+        self.noise_tesla.powi(2) + (self.relative_error * flux_tesla).powi(2)
+    }
+
+    fn predicted(&self, at: &dyn StateView) -> Result<(DVector<f64>, DMatrix<f64>), ModalityError> {
+        let pose = at.world_from_capsule(Instant::Now).ok_or(ModalityError::MissingState("the pose now"))?;
+        let mut buffers = Prediction::default();
+        Ok(self.channels.linearize_capsule(&self.source, &pose, &self.offset_capsule_m, &mut buffers))
+    }
+
+    fn readings<'m>(&self, m: &'m Measurement) -> Result<(&'m [f64], &'m [bool]), ModalityError> {
+        let flux = m.value.f64("flux_tesla")?;
+        if flux.len() != self.channels.len() {
+            return Err(ModalityError::Reading(format!(
+                "{} flux readings, the array has {} channels",
+                flux.len(),
+                self.channels.len()
+            )));
+        }
+        Ok((flux, m.value.valid()))
+    }
+}
+
+impl MeasurementModel for FluxModel {
+    fn linearize(&self, m: &Measurement, at: &dyn StateView) -> Result<Linearization, ModalityError> {
+        let (flux, valid) = self.readings(m)?;
+        let (predicted, jacobian) = self.predicted(at)?;
+        if valid.iter().all(|v| *v) {
+            let variance = DVector::from_iterator(flux.len(), flux.iter().map(|z| self.variance(*z)));
+            let residual = DVector::from_column_slice(flux) - predicted;
+            let jacobian = vec![(Part::Pose(Instant::Now), jacobian)];
+            return Ok(Linearization::Residual { residual, jacobian, noise: Noise::Diagonal(variance) });
+        }
+        let rows: Vec<usize> = (0..flux.len()).filter(|k| valid[*k]).collect();
+        let pick = |f: &dyn Fn(usize) -> f64| DVector::from_iterator(rows.len(), rows.iter().map(|k| f(*k)));
+        Ok(Linearization::Residual {
+            residual: pick(&|k| flux[k] - predicted[k]),
+            jacobian: vec![(Part::Pose(Instant::Now), jacobian.select_rows(&rows))],
+            noise: Noise::Diagonal(pick(&|k| self.variance(flux[k]))),
+        })
+    }
+
+    fn expected_information(
+        &self,
+        m: &Measurement,
+        at: &dyn StateView,
+    ) -> Result<Option<DMatrix<f64>>, ModalityError> {
+        let (flux, valid) = self.readings(m)?;
+        let (predicted, mut jacobian) = self.predicted(at)?;
+        for k in 0..flux.len() {
+            let weight = if valid[k] { 1.0 / self.variance(predicted[k]).sqrt() } else { 0.0 };
+            jacobian.row_mut(k).scale_mut(weight);
+        }
+        Ok(Some(jacobian.tr_mul(&jacobian)))
+    }
+
+    fn strongly_nonlinear(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,224 @@
+//! The simulated array: truth in, flux out.
+//!
+//! `reading = quantise(clip(gain · a'·(B(magnet) + B(ambient) + B(disturbances)) + bias + noise))` with a' the true axis and
+//! the sensor at its true place. Gains, axes, biases and misplacements are drawn once, from the streams `gain`, `axis`, `bias`
+//! and `placement`; the noise of reading n from `(noise, n)`.
+
+#![expect(clippy::disallowed_types, reason = "world side: a sensor observes the truth")]
+
+use crate::channels::{Channels, MagnetPose};
+use crate::config::{Installed, RealityTable};
+use lumenav_core::pose::{exp_so3, tangent_basis};
+use lumenav_core::{
+    Frame, ModalityError, Name, Observation, Primitive, RandomStreams, Reading, Schedule, Schema, Sensor,
+    SimTime, TruthView,
+};
+use lumenav_fields::{FieldSource, dipole};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use rand::RngExt as _;
+use rand_distr::StandardNormal;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Channel errors drawn once per run.
+struct Flaws {
+    gain: Vec<f64>,
+    bias_tesla: Vec<f64>,
+    /// Small rotation per channel, in the array's frame.
+    axis_turn: Vec<UnitQuaternion<f64>>,
+    /// Per sensor, in the array's frame, m.
+    misplacement_m: Vec<Vector3<f64>>,
+}
+
+/// A simulated magnetometer array.
+pub struct MagneticSensor {
+    name: Name,
+    installed: Installed,
+    reality: RealityTable,
+    schedule: Schedule,
+    source: FieldSource,
+    schema: Arc<Schema>,
+    flaws: Option<Flaws>,
+    sequence: u64,
+    /// Last true channels and flux, for the picture.
+    last: Option<(Channels, Vec<f64>)>,
+}
+
+impl MagneticSensor {
+    /// Builds the sensor; its flaws are drawn at the first reading.
+    pub fn new(name: Name, installed: Installed, reality: RealityTable, schedule: Schedule) -> Self {
+        let mut source = installed.magnet.source(reality.law);
+        let factor = 1.0 + reality.strength_error.0;
+        source = match source {
+            FieldSource::Dipole { strength_t_m3 } => FieldSource::Dipole { strength_t_m3: strength_t_m3 * factor },
+            FieldSource::Cylinder(c) => {
+                // A strength error of -100 % or less leaves no magnet; the config's reader refuses it.
+                lumenav_fields::Cylinder::new(c.radius_m(), c.half_length_m(), c.remanence_tesla() * factor)
+                    .map_or(source, FieldSource::Cylinder)
+            }
+        };
+        let schema = flux_schema(installed.array.labels());
+        Self { name, installed, reality, schedule, source, schema, flaws: None, sequence: 0, last: None }
+    }
+
+    fn draw_flaws(&self, random: &RandomStreams) -> Flaws {
+        let labels = self.installed.array.labels().len();
+        let sensors = self.installed.array.sensors.len();
+        let normals = |purpose: &str, count: usize| -> Vec<f64> {
+            let mut stream = random.stream(purpose, 0);
+            (0..count).map(|_| stream.sample(StandardNormal)).collect()
+        };
+        let nominal = self.installed.array.channels(&Isometry3::identity());
+        let turns = normals("axis", 2 * labels);
+        let sigma_rad = self.reality.axis_sigma_deg.0.to_radians();
+        let axis_turn = nominal
+            .channels
+            .iter()
+            .zip(turns.chunks_exact(2))
+            .map(|(channel, t)| {
+                let (e1, e2) = tangent_basis(&channel.axis_world);
+                exp_so3(&((e1 * t[0] + e2 * t[1]) * sigma_rad))
+            })
+            .collect();
+        let placement = normals("placement", 3 * sensors);
+        let sigma_m = self.reality.placement_sigma_mm.0 * 1e-3;
+        Flaws {
+            gain: normals("gain", labels).iter().map(|g| 1.0 + g * self.reality.gain_sigma.0).collect(),
+            bias_tesla: normals("bias", labels).iter().map(|b| b * self.reality.bias_sigma_tesla.0).collect(),
+            axis_turn,
+            misplacement_m: placement.chunks_exact(3).map(|p| Vector3::new(p[0], p[1], p[2]) * sigma_m).collect(),
+        }
+    }
+
+    /// The channels as they truly are.
+    fn true_channels(&self, flaws: &Flaws, world_from_array: &Isometry3<f64>) -> Channels {
+        let mut channels = self.installed.array.channels(&Isometry3::identity());
+        for (position, error) in channels.positions_world_m.iter_mut().zip(&flaws.misplacement_m) {
+            *position = (world_from_array * nalgebra::Point3::from(*position + error)).coords;
+        }
+        for (channel, turn) in channels.channels.iter_mut().zip(&flaws.axis_turn) {
+            channel.axis_world = world_from_array.rotation * (turn * channel.axis_world);
+        }
+        channels
+    }
+
+    /// Field of everything but the magnet, T in the world.
+    fn surroundings(&self, position_m: &Vector3<f64>, at: SimTime) -> Vector3<f64> {
+        let mut field = Vector3::from(self.reality.ambient_tesla.map(|v| v.0));
+        let now_s = at.seconds();
+        for d in &self.reality.disturbance {
+            if now_s >= d.start_s.0 && now_s < d.end_s.0 {
+                let moment = Vector3::from(d.moment_a_m2.map(|v| v.0));
+                let offset = position_m - Vector3::from(d.position_mm.map(|v| v.0)) * 1e-3;
+                if let Some(axis) = moment.try_normalize(0.0) {
+                    let strength = dipole::strength_from_moment_t_m3(moment.norm());
+                    field += dipole::flux_tesla(strength, &axis, &offset);
+                }
+            }
+        }
+        field
+    }
+
+    fn digitise(&self, value: f64) -> f64 {
+        let array = &self.installed.array;
+        let clipped = match array.saturation_tesla.filter(|_| self.installed.table.saturation) {
+            Some(limit) => value.clamp(-limit, limit),
+            None => value,
+        };
+        match array.resolution_tesla.filter(|_| self.installed.table.quantization) {
+            Some(step) => (clipped / step).round() * step,
+            None => clipped,
+        }
+    }
+}
+
+/// Schema of a reading: one channel per axis, flux density in T.
+pub fn flux_schema(labels: Vec<String>) -> Arc<Schema> {
+    Schema::channels("magnetometers/1", "flux_tesla", labels)
+}
+
+impl Sensor for MagneticSensor {
+    fn next_due(&self) -> SimTime {
+        self.schedule.due(self.sequence)
+    }
+
+    fn observe(
+        &mut self,
+        truth: &dyn TruthView,
+        at: SimTime,
+        random: &RandomStreams,
+    ) -> Result<Option<Observation>, ModalityError> {
+        let sequence = self.sequence;
+        self.sequence += 1;
+        let mut stream = random.stream("noise", sequence);
+        if self.schedule.loss.0 > 0.0 && stream.random::<f64>() < self.schedule.loss.0 {
+            return Ok(None);
+        }
+        let flaws = match self.flaws.take() {
+            Some(flaws) => flaws,
+            None => self.draw_flaws(random),
+        };
+        let worn = self.installed.table.worn_on.as_deref();
+        let world_from_array = match worn {
+            Some(frame) => truth.frame(frame, at).ok_or_else(|| {
+                ModalityError::Reading(format!("the scenario has no moving frame `{frame}`"))
+            })?,
+            None => Isometry3::identity(),
+        };
+        let capsule = truth.capsule(at).world_from_capsule;
+        let magnet = MagnetPose::of_capsule(&capsule, &self.installed.magnet.offset_capsule_m);
+        let channels = self.true_channels(&flaws, &world_from_array);
+        let mut flux = Vec::with_capacity(channels.len());
+        channels.flux(&self.source, &magnet, &mut flux);
+        let sigma = self.installed.noise_tesla();
+        for (k, value) in flux.iter_mut().enumerate() {
+            let channel = &channels.channels[k];
+            let around = self.surroundings(&channels.positions_world_m[channel.sensor], at);
+            let noise: f64 = stream.sample(StandardNormal);
+            let seen = flaws.gain[k] * (*value + channel.axis_world.dot(&around));
+            *value = self.digitise(seen + flaws.bias_tesla[k] + sigma * noise);
+        }
+        let mut known_poses = BTreeMap::new();
+        if worn.is_some() {
+            known_poses.insert("array".to_owned(), world_from_array);
+        }
+        let reading = Reading {
+            sensor: self.name.clone(),
+            sequence,
+            interval: (at, at),
+            arrival: self.schedule.arrival(at),
+            known_poses,
+            payload: Frame::of_values(self.schema.clone(), flux.clone())?,
+        };
+        self.last = Some((channels, flux));
+        self.flaws = Some(flaws);
+        Ok(Some(Observation { reading, labels: None }))
+    }
+
+    fn scene(&self, out: &mut Vec<Primitive>) {
+        let Some((channels, flux)) = &self.last else { return };
+        let mut field = vec![Vector3::zeros(); channels.positions_world_m.len()];
+        for (channel, value) in channels.channels.iter().zip(flux) {
+            field[channel.sensor] += channel.axis_world * *value;
+        }
+        let to_f32 = |v: &Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
+        // Length by the logarithm of the flux: 10 mm per decade above 10 nT, so that near and far sensors both show.
+        let arrow = |b: &Vector3<f64>| {
+            let length = 0.01 * (b.norm() / 1e-8).max(1.0).log10();
+            b.try_normalize(0.0).map_or([0.0; 3], |unit| to_f32(&(unit * length)))
+        };
+        out.push(Primitive::Points {
+            path: "magnetometers".into(),
+            positions_world_m: channels.positions_world_m.iter().map(to_f32).collect(),
+            rgba: vec![0x4477_AAFF],
+            radius_m: 0.006,
+        });
+        out.push(Primitive::Arrows {
+            path: "field".into(),
+            origins_world_m: channels.positions_world_m.iter().map(to_f32).collect(),
+            vectors_m: field.iter().map(arrow).collect(),
+            rgba: vec![0x66CC_EEFF],
+        });
+    }
+}
+

@@ -1,0 +1,323 @@
+//! `metrics.json`: what a script wants to know of a run; and the same as a value.
+//!
+//! Keys are stable (schema 1); a figure that does not exist (no truth, no roll, no filter) is `null`. No wall times: equal
+//! runs give equal files. Memory: 8 bytes per update and figure with quantiles, everything else is sums.
+//!
+//! *Availability* is the share of the truth's instants (of the clock's, in a replay without truth) at which the track's
+//! last estimate is at most [`FRESH_S`] old. *Latency* is the time between the instant an estimate is about and the one
+//! at which it was available. *NIS* and *NEES* per update: see `lumenav_evaluation::consistency`; NEES with the degrees of
+//! freedom that most of the updates had.
+
+use crate::error::ReportError;
+use crate::file::write_json;
+use crate::log::refusal_reason;
+use lumenav_core::{Name, SimTime};
+use lumenav_evaluation::bound::EfficiencyAccumulator;
+use lumenav_evaluation::consistency::one_run::{NeesAccumulator, NeesSummary, NisAccumulator};
+use lumenav_evaluation::consistency::verdict::Verdict;
+use lumenav_evaluation::summary::{Quantiles, ScalarSummary};
+use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver, TrackUpdate};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// An estimate older than this is no estimate of where the capsule is.
+pub const FRESH_S: f64 = 1.0;
+
+/// `metrics.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Metrics {
+    /// Version of the keys.
+    pub schema: u32,
+    /// The scenario.
+    pub scenario: String,
+    /// The seed.
+    pub seed: u64,
+    /// The trial within a Monte Carlo.
+    pub trial: u64,
+    /// Simulated time, s.
+    pub duration_s: f64,
+    /// Figures per track.
+    pub tracks: BTreeMap<String, TrackMetrics>,
+}
+
+/// The figures of one track.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrackMetrics {
+    /// Norm of the position error.
+    pub position_error_mm: Option<ScalarSummary>,
+    /// Position error along the world's axes.
+    pub position_error_per_axis_mm: Option<PerAxis>,
+    /// Angle of the whole attitude error; `null` where roll is not observable.
+    pub attitude_error_deg: Option<ScalarSummary>,
+    /// Angle between estimated and true x axis.
+    pub heading_error_deg: Option<ScalarSummary>,
+    /// Magnitude of the error along the tract.
+    pub along_tract_error_mm: Option<ScalarSummary>,
+    /// Share of the time with an estimate that is at most one second old, 0 to 1.
+    pub availability: Option<f64>,
+    /// Updates that could not be computed.
+    pub failed_updates: u64,
+    /// Updates.
+    pub updates: u64,
+    /// Starts and restarts.
+    pub starts: u64,
+    /// Readings and measurements that did not enter, by reason.
+    pub refused: BTreeMap<String, u64>,
+    /// Innovations against their claimed covariance.
+    pub nis: Option<NisFigures>,
+    /// Errors against the claimed covariance.
+    pub nees: Option<NeesFigures>,
+    /// `consistent`, `overconfident: …` or `cautious: …`; `null` without truth.
+    pub verdict: Option<Verdict>,
+    /// Position RMSE over the root mean bound of the measurements alone.
+    pub rmse_over_bound: Option<f64>,
+    /// Time from the instant an estimate is about until it was available.
+    pub latency_ms: Option<ScalarSummary>,
+    /// When the first estimate was available.
+    pub time_to_first_fix_s: Option<f64>,
+}
+
+/// Error figures along the world's axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PerAxis {
+    /// To the patient's right at the start.
+    pub x: AxisError,
+    /// Anterior.
+    pub y: AxisError,
+    /// Superior.
+    pub z: AxisError,
+}
+
+/// The error along one axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisError {
+    /// Mean of estimate minus truth.
+    pub bias: f64,
+    /// Root mean square.
+    pub rmse: f64,
+}
+
+/// NIS in one run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NisFigures {
+    /// Mean.
+    pub mean: f64,
+    /// Mean degrees of freedom: what the mean should be.
+    pub dof: f64,
+    /// Share of updates inside the 95 % band, 0 to 1.
+    pub inside_95: f64,
+}
+
+/// NEES in one run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NeesFigures {
+    /// Mean.
+    pub mean: f64,
+    /// Degrees of freedom: what the mean should be.
+    pub dof: usize,
+    /// Share of updates inside the 95 % band, 0 to 1.
+    pub inside_95: f64,
+}
+
+/// Collects the figures of one track.
+#[derive(Default)]
+struct Collector {
+    position_mm: Quantiles,
+    heading_deg: Quantiles,
+    attitude_deg: Quantiles,
+    along_tract_mm: Quantiles,
+    latency_ms: Quantiles,
+    axis_sums: [f64; 3],
+    axis_squares: [f64; 3],
+    axis_count: u64,
+    nis: NisAccumulator,
+    nees: BTreeMap<usize, NeesAccumulator>,
+    efficiency: EfficiencyAccumulator,
+    refused: BTreeMap<String, u64>,
+    updates: u64,
+    starts: u64,
+    last_estimate: Option<SimTime>,
+    first_available: Option<SimTime>,
+    instants: u64,
+    instants_fresh: u64,
+}
+
+impl Collector {
+    fn update(&mut self, update: &TrackUpdate<'_>) -> Result<(), lumenav_evaluation::EvaluationError> {
+        let estimate = update.estimate;
+        self.updates += 1;
+        self.starts += u64::from(update.started);
+        self.last_estimate = self.last_estimate.max(Some(estimate.at));
+        self.first_available.get_or_insert(estimate.available);
+        self.latency_ms.push(1e3 * estimate.available.since_s(estimate.at));
+        if let Some((nis, dof)) = update.nis {
+            // An information-form measurement is worth a fractional count; the band needs a whole one.
+            self.nis.push(nis, (dof.round() as usize).max(1))?;
+        }
+        let Some(error) = update.error else { return Ok(()) };
+        let mm = 1e3 * error.position_world_m;
+        self.position_mm.push(mm.norm());
+        if mm.iter().all(|x| x.is_finite()) {
+            self.axis_count += 1;
+            for axis in 0..3 {
+                self.axis_sums[axis] += mm[axis];
+                self.axis_squares[axis] += mm[axis] * mm[axis];
+            }
+        }
+        self.heading_deg.extend(error.heading_rad.map(f64::to_degrees));
+        self.attitude_deg.extend(error.attitude_rad.map(f64::to_degrees));
+        self.along_tract_mm.extend(error.along_tract_m.map(|m| 1e3 * m.abs()));
+        if let Some(bound_m2) = error.bound_position_m2 {
+            self.efficiency.push(error.position_world_m.norm(), bound_m2);
+        }
+        let dof = error.nees_degrees_of_freedom;
+        if dof > 0 {
+            let nees = match self.nees.entry(dof) {
+                std::collections::btree_map::Entry::Occupied(nees) => nees.into_mut(),
+                std::collections::btree_map::Entry::Vacant(place) => place.insert(NeesAccumulator::new(dof)?),
+            };
+            // Without a value the covariance was none: counted as such.
+            error.nees.map_or_else(|| nees.push_unusable(), |value| nees.push(value));
+        }
+        Ok(())
+    }
+
+    /// An instant at which the track should know where the capsule is.
+    fn instant(&mut self, at: SimTime) {
+        self.instants += 1;
+        self.instants_fresh += u64::from(self.last_estimate.is_some_and(|last| at.since_s(last) <= FRESH_S));
+    }
+
+    /// The NEES of the degrees of freedom that most updates had.
+    fn nees(&self) -> Option<NeesSummary> {
+        let all = self.nees.values().filter_map(NeesAccumulator::summary);
+        all.max_by_key(|nees| nees.updates + nees.not_positive_definite)
+    }
+
+    fn per_axis(&self) -> Option<PerAxis> {
+        let n = self.axis_count as f64;
+        let axis = |i: usize| AxisError { bias: self.axis_sums[i] / n, rmse: (self.axis_squares[i] / n).sqrt() };
+        (self.axis_count > 0).then(|| PerAxis { x: axis(0), y: axis(1), z: axis(2) })
+    }
+
+    fn metrics(&mut self) -> TrackMetrics {
+        let nees = self.nees();
+        TrackMetrics {
+            position_error_mm: self.position_mm.summary(),
+            position_error_per_axis_mm: self.per_axis(),
+            attitude_error_deg: self.attitude_deg.summary(),
+            heading_error_deg: self.heading_deg.summary(),
+            along_tract_error_mm: self.along_tract_mm.summary(),
+            availability: (self.instants > 0).then(|| self.instants_fresh as f64 / self.instants as f64),
+            failed_updates: self.refused.get("failed").copied().unwrap_or(0),
+            updates: self.updates,
+            starts: self.starts,
+            refused: self.refused.clone(),
+            nis: self.nis.summary().filter(|nis| nis.updates > 0).map(|nis| {
+                let dof = nis.total_dof as f64 / nis.updates as f64;
+                NisFigures { mean: nis.mean_per_dof * dof, dof, inside_95: nis.inside_95 }
+            }),
+            nees: nees.as_ref().map(|n| NeesFigures { mean: n.mean, dof: n.dof, inside_95: n.inside_95 }),
+            verdict: nees.as_ref().map(Verdict::of_run),
+            rmse_over_bound: self.efficiency.efficiency().map(|e| e.rmse_over_bound),
+            latency_ms: self.latency_ms.summary(),
+            time_to_first_fix_s: self.first_available.map(SimTime::seconds),
+        }
+    }
+}
+
+/// Collects the metrics of a run; writes `metrics.json` where it was given a folder.
+#[derive(Default)]
+pub struct MetricsObserver {
+    path: Option<PathBuf>,
+    header: Option<RunHeader>,
+    tracks: BTreeMap<Name, Collector>,
+    last: SimTime,
+    result: Option<Metrics>,
+}
+
+impl MetricsObserver {
+    /// Writes `metrics.json` into `folder`, which exists.
+    pub fn new(folder: &Path) -> Self {
+        Self { path: Some(folder.join("metrics.json")), ..Self::default() }
+    }
+
+    /// Writes nothing: for a Monte Carlo, whose trials are only collected.
+    pub fn in_memory() -> Self {
+        Self::default()
+    }
+
+    /// The figures, once the run has finished.
+    pub fn metrics(&self) -> Option<&Metrics> {
+        self.result.as_ref()
+    }
+
+    fn instant(&mut self, at: SimTime) {
+        self.tracks.values_mut().for_each(|track| track.instant(at));
+    }
+
+    fn see(&mut self, event: &RunEvent<'_>) -> Result<(), ReportError> {
+        let has_truth = self.header.as_ref().is_some_and(|header| header.has_truth);
+        match event {
+            RunEvent::Truth(truth) => {
+                self.last = self.last.max(truth.at);
+                self.instant(truth.at);
+            }
+            RunEvent::Clock { at } => {
+                self.last = self.last.max(*at);
+                if !has_truth {
+                    self.instant(*at);
+                }
+            }
+            RunEvent::Update(update) => {
+                self.last = self.last.max(update.estimate.at);
+                if let Some(track) = self.tracks.get_mut(update.track) {
+                    track
+                        .update(update)
+                        .map_err(|source| ReportError::Metrics { track: update.track.to_string(), source })?;
+                }
+            }
+            RunEvent::Refused { track, why, .. } => {
+                if let Some(track) = self.tracks.get_mut(*track) {
+                    *track.refused.entry(refusal_reason(why).to_owned()).or_default() += 1;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) -> Result<(), ReportError> {
+        let Some(header) = &self.header else { return Ok(()) };
+        let metrics = Metrics {
+            schema: 1,
+            scenario: header.scenario.clone(),
+            seed: header.seed,
+            trial: header.trial,
+            duration_s: header.duration_s.unwrap_or(self.last.seconds()),
+            tracks: self.tracks.iter_mut().map(|(name, track)| (name.to_string(), track.metrics())).collect(),
+        };
+        if let Some(path) = &self.path {
+            write_json(path, &metrics)?;
+        }
+        self.result = Some(metrics);
+        Ok(())
+    }
+}
+
+impl RunObserver for MetricsObserver {
+    fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
+        self.tracks = header.tracks.iter().map(|track| (track.name.clone(), Collector::default())).collect();
+        self.header = Some(header.clone());
+        Ok(())
+    }
+
+    fn on(&mut self, event: &RunEvent<'_>) -> Result<(), ObserverError> {
+        self.see(event).map_err(|e| ObserverError::new("metrics", e))
+    }
+
+    fn finish(&mut self) -> Result<(), ObserverError> {
+        self.close().map_err(|e| ObserverError::new("metrics", e))
+    }
+}
