@@ -9,8 +9,8 @@
 //! The frame is rotation minimising: `normal` turns about the tangent as little as a frame can, which unlike Frenet's
 //! exists on straight parts and does not flip at inflections. It is transported from the start to every cell, and from
 //! there to the station asked for, by the double reflection of Wang, Jüttler, Zheng and Liu, "Computation of rotation
-//! minimizing frames", ACM Trans. Graph. 27(1), 2008, whose error is of the fourth order in the cell: below 1e-9 rad per
-//! metre here. `(tangent, normal, binormal)` is right-handed. The normal at the start is the least-turned choice of
+//! minimizing frames", ACM Trans. Graph. 27(1), 2008, whose error is of the fourth order in the cell.
+//! `(tangent, normal, binormal)` is right-handed. The normal at the start is the least-turned choice of
 //! [`lumenav_core::pose::attitude_from_axis`].
 //!
 //! Projection finds stationary points of the distance: with `e(s) = x(s) - p`, `f = e·T` and `f' = 1 + e·κN`, a minimum has
@@ -22,6 +22,7 @@ use crate::error::AnatomyError;
 use crate::spline::{Piece, pieces_through};
 use lumenav_core::pose::attitude_from_axis;
 use nalgebra::{Point3, Vector3};
+use std::fmt;
 
 /// Coordinates above this are a mistake of units, m.
 const COORDINATE_LIMIT_M: f64 = 100.0;
@@ -122,7 +123,7 @@ struct Ball {
 }
 
 /// A curve by its arc length, with a rotation-minimising frame. Torso frame.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Clone, PartialEq)]
 pub struct CentreLine {
     pieces: Vec<Piece>,
     cells: Vec<Cell>,
@@ -132,6 +133,18 @@ pub struct CentreLine {
     balls: Vec<Ball>,
     length_m: f64,
     knots_m: Vec<f64>,
+}
+
+impl fmt::Debug for CentreLine {
+    /// In short: thousands of cells tell nobody anything.
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let points = self.knots_m.len();
+        formatter
+            .debug_struct("CentreLine")
+            .field("length_m", &self.length_m)
+            .field("points", &points)
+            .finish_non_exhaustive()
+    }
 }
 
 impl CentreLine {
@@ -455,7 +468,7 @@ fn balls(pieces: &[Piece], cells: &[Cell]) -> Vec<Ball> {
         .map(|first| {
             let last = (first + BALL_CELLS).min(cells.len()) - 1;
             let length_m: f64 = cells[first..=last].iter().map(|cell| cell.length_m).sum();
-            let cell = &cells[(first + last) / 2];
+            let cell = &cells[usize::midpoint(first, last)];
             let centre = pieces[cell.piece as usize].jet(cell.parameter[0]).value;
             // No point of the stretch is further along it than its length.
             Ball { centre, radius_m: length_m, first, last }

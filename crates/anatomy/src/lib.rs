@@ -5,9 +5,10 @@
 //! ([`generator`]) whose lengths, radii and bends match those measured in people. Everything is in the *torso* frame:
 //! right-handed, RAS+ (x right, y anterior, z superior), metres, arc lengths from the oral end.
 
+pub mod bends;
 pub mod centre_line;
 pub mod error;
-
+pub mod generator;
 pub mod mesh;
 pub mod radius;
 pub mod segment;

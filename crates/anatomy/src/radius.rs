@@ -66,8 +66,7 @@ impl RadiusProfile {
     /// Radius (m) and its slope.
     pub fn with_slope(&self, arc_length_m: f64) -> (f64, f64) {
         let last = self.arc_lengths_m.len() - 1;
-        // Written so that NaN falls into the first branch.
-        if !(arc_length_m > self.arc_lengths_m[0]) {
+        if arc_length_m.is_nan() || arc_length_m <= self.arc_lengths_m[0] {
             return (self.radii_m[0], 0.0);
         }
         if arc_length_m >= self.arc_lengths_m[last] {

@@ -157,16 +157,16 @@ impl Wall {
     /// The default wall of a segment.
     fn of(key: SegmentKey) -> Self {
         let (haustra_pitch_m, haustra_depth) = match key {
-            // The rectum and the oesophagus have no haustra.
-            SegmentKey::Oesophagus | SegmentKey::Stomach | SegmentKey::Rectum => (0.0, 0.0),
-            // Kerckring's folds stand 6 to 8 mm apart and are flattened by a capsule.
+            // Kerckring's folds, flattened by a capsule: pitch and depth are believed, not measured.
             SegmentKey::Duodenum | SegmentKey::Jejunum => (0.007, 0.1),
-            SegmentKey::Ileum | SegmentKey::TerminalIleum => (0.0, 0.0),
+            // Haustra: pitch and depth are believed, not measured.
             SegmentKey::Caecum
             | SegmentKey::Ascending
             | SegmentKey::Transverse
             | SegmentKey::Descending
             | SegmentKey::Sigmoid => (0.03, 0.35),
+            // Oesophagus, stomach, ileum and rectum are smooth to a capsule.
+            _ => (0.0, 0.0),
         };
         Self {
             stiffness_newton_per_m: 60.0,

@@ -435,7 +435,8 @@ impl Tract {
                 }
             }
             _ => {
-                found.push((sample, Overlap { first, second, at_m: (s, other_s), depth_m, length_m: step_m }))
+                found
+                    .push((sample, Overlap { first, second, at_m: (s, other_s), depth_m, length_m: step_m }));
             }
         }
     }

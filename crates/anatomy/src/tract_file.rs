@@ -29,8 +29,7 @@ use crate::tract::{End, SegmentPoints, Tract, TractDraft, TractReport};
 use lumenav_core::config::quantity::Positive;
 use lumenav_core::{ConfigError, Node};
 use nalgebra::{Point3, Vector3};
-use serde::de::Error as _;
-use serde::{Deserialize, Deserializer};
+use serde::Deserialize;
 use std::collections::BTreeMap;
 
 mod csv;
@@ -98,35 +97,23 @@ struct SegmentTable {
     wall: WallTable,
 }
 
-/// `[x, y, z]` or `[x, y, z, radius]`, all finite, the radius above 0.
-#[derive(Debug, Clone, Copy)]
-struct Row {
-    position: [f64; 3],
-    radius: Option<f64>,
-}
+/// `[x, y, z]` or `[x, y, z, radius]`, checked by [`Row::checked`], where the row's line is known.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(transparent)]
+struct Row(Vec<f64>);
 
-impl<'de> Deserialize<'de> for Row {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let values = Vec::<f64>::deserialize(deserializer)?;
-        if let Some(bad) = values.iter().find(|v| !v.is_finite()) {
-            return Err(D::Error::custom(format!("{bad} is not allowed here; points are finite numbers")));
+impl Row {
+    /// Position and radius, in the row's unit; in words what is wrong with it.
+    fn checked(&self) -> Result<([f64; 3], Option<f64>), String> {
+        if let Some(bad) = self.0.iter().find(|v| !v.is_finite()) {
+            return Err(format!("{bad} is not allowed here; points are finite numbers"));
         }
-        let (position, radius) = match values[..] {
-            [x, y, z] => ([x, y, z], None),
-            [x, y, z, radius] if radius > 0.0 => ([x, y, z], Some(radius)),
-            [_, _, _, radius] => {
-                return Err(D::Error::custom(format!(
-                    "a radius of {radius} is not allowed; it must be above 0"
-                )));
-            }
-            _ => {
-                let count = values.len();
-                return Err(D::Error::custom(format!(
-                    "expected [x, y, z, radius] or [x, y, z], found {count} numbers"
-                )));
-            }
-        };
-        Ok(Self { position, radius })
+        match self.0[..] {
+            [x, y, z] => Ok(([x, y, z], None)),
+            [x, y, z, radius] if radius > 0.0 => Ok(([x, y, z], Some(radius))),
+            [_, _, _, radius] => Err(format!("a radius of {radius} is not allowed; it must be above 0")),
+            _ => Err(format!("expected [x, y, z, radius] or [x, y, z], found {} numbers", self.0.len())),
+        }
     }
 }
 
@@ -283,21 +270,20 @@ fn rows_in_metres(
             node.error_at(key, &format!("a segment needs at least 2 points, there are {}", rows.len()))
         );
     }
-    let points = rows.iter().map(|row| Point3::from(Vector3::from(row.position) * unit)).collect();
-    let radii = rows
-        .iter()
-        .enumerate()
-        .map(|(i, row)| {
-            row.radius.map(|radius| radius * unit).or(default_m).ok_or_else(|| {
-                row_error(
-                    node,
-                    key,
-                    i,
-                    "no radius: give [x, y, z, radius], or `default_radius_mm` for all points",
-                )
-            })
-        })
-        .collect::<Result<_, _>>()?;
+    let (mut points, mut radii) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
+    for (i, row) in rows.iter().enumerate() {
+        let (position, radius) = row.checked().map_err(|message| row_error(node, key, i, &message))?;
+        let radius = radius.map(|radius| radius * unit).or(default_m).ok_or_else(|| {
+            row_error(
+                node,
+                key,
+                i,
+                "no radius: give [x, y, z, radius], or `default_radius_mm` for all points",
+            )
+        })?;
+        points.push(Point3::from(Vector3::from(position) * unit));
+        radii.push(radius);
+    }
     Ok((points, radii))
 }
 

@@ -204,13 +204,9 @@ impl Frame {
         self.valid[row] = false;
     }
 
-    /// The numbers of an `F64` column, to change in place (faults that the world applies to a reading).
-    pub fn f64_mut(&mut self, column: &str) -> Option<&mut Vec<f64>> {
-        let index = self.schema.columns.iter().position(|c| c.name == column)?;
-        match &mut self.columns[index] {
-            Column::F64(values) => Some(values),
-            _ => None,
-        }
+    /// The columns, to change numbers in place (faults that the world applies to a reading); lengths must stay.
+    pub fn columns_mut(&mut self) -> &mut [Column] {
+        &mut self.columns
     }
 }
 

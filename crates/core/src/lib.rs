@@ -22,6 +22,7 @@ pub mod front_end;
 pub mod laws;
 pub mod measurement;
 pub mod modality;
+pub mod motion;
 pub mod path_map;
 pub mod pose;
 pub mod primitive;
@@ -42,6 +43,7 @@ pub use measurement::{
     BlockSpec, Instant, Linearization, Measurement, MeasurementModel, Noise, Part, PriorUse, StateView,
 };
 pub use modality::{Modality, ModalityError, ReadingStream, Registry};
+pub use motion::{AxisStep, MotionModel};
 pub use path_map::{PathMap, PathProjection};
 pub use primitive::Primitive;
 pub use random::{RandomStream, RandomStreams};

@@ -13,10 +13,10 @@
 //! The transition differs from the identity in 12 columns only, so it is applied to rows and columns of the covariance in
 //! place; its cost grows linearly with the number of blocks and clones.
 
-use crate::motion::{AxisStep, MotionModel};
+
 use lumenav_core::pose::{exp_so3, right_jacobian_so3, renormalize};
 use lumenav_core::{
-    BlockSpec, FixKind, Instant, MotionSample, Name, NominalState, Part, PoseEstimate, SimTime,
+    AxisStep, BlockSpec, FixKind, Instant, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate, SimTime,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Matrix6, MatrixXx3, Vector3};
 

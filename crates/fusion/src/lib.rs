@@ -11,11 +11,10 @@
 pub mod belief;
 pub mod eskf;
 pub mod gate;
-pub mod motion;
 pub mod options;
 pub mod update;
 
 pub use belief::Belief;
 pub use eskf::{Counters, Eskf, Offered, Refused, Verdict};
-pub use motion::MotionModel;
+pub use lumenav_core::MotionModel;
 pub use options::{EskfOptions, PriorOptions};

@@ -1,6 +1,6 @@
 //! What a user may set of the filter: the `[track.options]` and `[track.prior]` tables.
 
-use crate::motion::MotionModel;
+use lumenav_core::MotionModel;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use serde::{Deserialize, Deserializer, Serialize, de};
 

@@ -51,12 +51,15 @@ impl Output {
             path: temporary.clone(),
             source,
         })?;
-        let encoder = Encoder::new_eager(
+        let mut encoder = Encoder::new_eager(
             CrateVersion::LOCAL,
             EncodingOptions::PROTOBUF_COMPRESSED,
             BufWriter::with_capacity(1 << 18, file),
         )
         .map_err(|e| RecordingError::Encode { target: path.display().to_string(), why: e.to_string() })?;
+        // The optional footer lists every chunk: it would grow in memory with the run, and the order of its two parts
+        // (recording, blueprint) is that of a hash map, different each time. `rerun rrd optimize` adds one where wanted.
+        encoder.do_not_emit_footer();
         Ok(Self::File(FileOutput { encoder: Some(encoder), temporary, target: path.to_owned() }))
     }
 

@@ -1,1 +1,13 @@
-//! Skeleton.
+//! Scenarios: the file that says what happens, and the worlds that make it true.
+//!
+//! [`file`] reads a scenario strictly. A [`World`] is stepped and asked for the truth: [`kinematic`] worlds
+//! follow a path, a recording or a motion model.
+
+pub mod error;
+pub mod file;
+pub mod kinematic;
+pub mod world;
+
+pub use error::ScenarioError;
+pub use file::{Fault, RecordTable, ScenarioFile, SensorEntry, TrackEntry};
+pub use world::{TruthHistory, World, WorldNote};

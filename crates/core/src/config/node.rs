@@ -86,6 +86,8 @@ enum Step {
 pub struct Node {
     source: Arc<Source>,
     steps: Vec<Step>,
+    /// Keys that are not looked at.
+    hidden: Vec<String>,
     path: String,
     log: ResolvedLog,
 }
@@ -146,6 +148,7 @@ impl Node {
         Ok(Self {
             source: Arc::new(source),
             steps: Vec::new(),
+            hidden: Vec::new(),
             path: String::new(),
             log: ResolvedLog::default(),
         })
@@ -230,6 +233,13 @@ impl Node {
         self.step(Step::Key(key.to_owned()), join(&self.path, key))
     }
 
+    /// This table without one key: for tables in which one key chooses what the others mean.
+    pub fn without(&self, key: &str) -> Self {
+        let mut node = self.clone();
+        node.hidden.push(key.to_owned());
+        node
+    }
+
     /// The entries of the array under a key; none where it is not written.
     ///
     /// # Errors
@@ -246,7 +256,7 @@ impl Node {
     fn step(&self, step: Step, path: String) -> Self {
         let mut steps = self.steps.clone();
         steps.push(step);
-        Self { source: self.source.clone(), steps, path, log: self.log.clone() }
+        Self { source: self.source.clone(), steps, hidden: Vec::new(), path, log: self.log.clone() }
     }
 
     /// Reads this table into a type and notes it, defaults included, in the log.
@@ -270,7 +280,13 @@ impl Node {
         let outcome = self.with_value(|value| {
             let empty = Spanned::new(0..0, Value::Table(Table::new()));
             let value = value.unwrap_or(&empty);
-            T::deserialize(toml::de::ValueDeserializer::from(value.clone())).map_err(|error| {
+            let mut shown = value.clone();
+            if let Value::Table(table) = shown.get_mut() {
+                for key in &self.hidden {
+                    table.remove(key.as_str());
+                }
+            }
+            T::deserialize(toml::de::ValueDeserializer::from(shown)).map_err(|error| {
                 let key = error.span().and_then(|span| key_at(value, &span));
                 (error.span(), key, error.message().to_owned())
             })

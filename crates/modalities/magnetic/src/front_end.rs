@@ -6,12 +6,11 @@
 use crate::array::SensorArray;
 use crate::channels::{Channels, MagnetPose};
 use crate::config::{Installed, OptionsTable};
-use crate::model::FluxModel;
+use crate::model::{FixOfFlux, FluxModel};
 use crate::solver::{Readings, Solution, Workspace, solve, solve_from_all};
-use lumenav_core::fix::FixModel;
 use lumenav_core::pose::{attitude_from_axis, tangent_basis};
 use lumenav_core::{
-    FixKind, FrontEnd, Measurement, ModalityError, Name, Outcome, PoseEstimate, PosePrior, PriorUse, Reading,
+    FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior, PriorUse, Reading,
 };
 use lumenav_fields::FieldSource;
 use nalgebra::{Isometry3, Matrix6, SMatrix, Translation3, Vector3};
@@ -159,7 +158,7 @@ impl MagneticFrontEnd {
 
     fn measurement(&self, reading: &Reading, model: FluxModel, fix: Option<PoseEstimate>, warm: bool) -> Option<Measurement> {
         let prior_use = if warm { PriorUse::StartOnly } else { PriorUse::None };
-        let common = |value, model| Measurement {
+        let common = |value, model: Arc<dyn MeasurementModel>| Measurement {
             sensor: self.sensor.clone(),
             sequence: reading.sequence,
             at: reading.at(),
@@ -172,7 +171,10 @@ impl MagneticFrontEnd {
         };
         match self.output {
             Output::Flux => Some(common(Arc::new(reading.payload.clone()), Arc::new(model))),
-            Output::Pose => fix.as_ref().map(|f| common(Arc::new(f.to_frame()), Arc::new(FixModel))),
+            Output::Pose => fix.as_ref().map(|f| {
+                let of_flux = FixOfFlux { flux: model, reading: Arc::new(reading.payload.clone()) };
+                common(Arc::new(f.to_frame()), Arc::new(of_flux))
+            }),
         }
     }
 }

@@ -4,8 +4,9 @@
 //! `σ_k² = σ² + (ε z_k)²` with ε the relative model error that the estimator allows for.
 
 use crate::channels::{Channels, Prediction};
+use lumenav_core::fix::FixModel;
 use lumenav_core::{
-    Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part, StateView,
+    Frame, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part, StateView,
 };
 use lumenav_fields::FieldSource;
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -86,5 +87,32 @@ impl MeasurementModel for FluxModel {
 
     fn strongly_nonlinear(&self) -> bool {
         true
+    }
+}
+
+/// A maximum-likelihood fix that remembers the reading it came from.
+///
+/// To a filter it is a pose with a covariance; to whoever asks for the bound it is the flux reading, because the fix's own
+/// covariance is an estimate of the bound and not the bound.
+#[derive(Clone, Debug)]
+pub struct FixOfFlux {
+    /// The raw model.
+    pub flux: FluxModel,
+    /// The reading.
+    pub reading: Arc<Frame>,
+}
+
+impl MeasurementModel for FixOfFlux {
+    fn linearize(&self, m: &Measurement, at: &dyn StateView) -> Result<Linearization, ModalityError> {
+        FixModel.linearize(m, at)
+    }
+
+    fn expected_information(
+        &self,
+        m: &Measurement,
+        at: &dyn StateView,
+    ) -> Result<Option<DMatrix<f64>>, ModalityError> {
+        let raw = Measurement { value: self.reading.clone(), ..m.clone() };
+        self.flux.expected_information(&raw, at)
     }
 }

@@ -11,7 +11,7 @@
 //! and for τ → ∞: `p' = p + Δt v`, `Q = q [Δt³/3, Δt²/2; Δt²/2, Δt]` (Bar-Shalom, Li and Kirubarajan, "Estimation with
 //! applications to tracking and navigation", section 6.2). The same holds for rotation vector and angular rate.
 
-use lumenav_core::config::quantity::{NonNegative, Positive};
+use crate::config::quantity::{NonNegative, Positive};
 use serde::{Deserialize, Serialize};
 
 /// How a capsule is believed to move between measurements.

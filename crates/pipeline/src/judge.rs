@@ -1,0 +1,70 @@
+//! Compares an estimate with the truth at its own time stamp, and with the bound of the reading it came from.
+
+#![expect(clippy::disallowed_types, reason = "world side: evaluation compares with the truth")]
+
+use crate::events::UpdateError;
+use lumenav_core::{
+    CapsuleTruth, FixKind, Instant, Measurement, NominalState, PathMap, PublishedEstimate, StateView,
+};
+use lumenav_evaluation::consistency::{ErrorBlock, nees};
+use lumenav_evaluation::pose_error::PoseError;
+use nalgebra::{DMatrix, Point3};
+
+/// The part of the pose error that an estimate of this kind answers for.
+fn block(kind: FixKind) -> ErrorBlock {
+    match kind {
+        FixKind::Position => ErrorBlock::Position,
+        FixKind::Pointing => ErrorBlock::PositionAndPointing,
+        FixKind::Full => ErrorBlock::FullPose,
+    }
+}
+
+/// Errors, NEES, along-tract error and bound of one update.
+pub fn judge(
+    estimate: &PublishedEstimate,
+    truth: &CapsuleTruth,
+    measurement: Option<&Measurement>,
+    map: Option<&dyn PathMap>,
+) -> UpdateError {
+    let pose = &estimate.pose;
+    let error = PoseError::between(&pose.world_from_capsule, &truth.world_from_capsule);
+    let along_tract_m = map.zip(truth.arc_length_m).and_then(|(map, true_m)| {
+        let p = Point3::from(pose.world_from_capsule.translation.vector);
+        map.nearest(&p, 1).first().map(|found| found.arc_length_m - true_m)
+    });
+    UpdateError {
+        position_world_m: -error.position_world_m,
+        heading_rad: (pose.kind != FixKind::Position).then(|| error.heading_rad()),
+        attitude_rad: (pose.kind == FixKind::Full).then(|| error.attitude_rad()),
+        nees: nees(&error, &pose.covariance, block(pose.kind)).ok(),
+        nees_degrees_of_freedom: pose.kind.degrees_of_freedom(),
+        along_tract_m,
+        bound_position_m2: measurement.and_then(|m| position_bound(m, truth)),
+    }
+}
+
+/// Trace of the position block of the Cramér-Rao bound of one measurement at the true pose, m²; `None` where the model has no
+/// expected information or the position is not observable from it alone.
+fn position_bound(measurement: &Measurement, truth: &CapsuleTruth) -> Option<f64> {
+    let mut state = NominalState::at_rest(truth.world_from_capsule);
+    state.velocity_world_m_s = truth.velocity_world_m_s;
+    state.angular_rate_capsule_rad_s = truth.angular_rate_capsule_rad_s;
+    debug_assert!(state.world_from_capsule(Instant::Now).is_some());
+    let information = measurement.model.expected_information(measurement, &state).ok()??;
+    position_trace(&information)
+}
+
+/// Trace of the position block of the inverse, over the directions that the information speaks about: attitude directions
+/// without information (the roll about a magnet) are left out, position directions without it make the bound infinite.
+fn position_trace(information: &DMatrix<f64>) -> Option<f64> {
+    let scale = information.diagonal().map(|v| if v > 0.0 { 1.0 / v.sqrt() } else { 0.0 });
+    let kept: Vec<usize> = (0..information.nrows())
+        .filter(|i| *i < 3 || information[(*i, *i)] > 1e-9 * information.diagonal().rows(3, 3).max())
+        .collect();
+    let n = kept.len();
+    let scaled =
+        DMatrix::from_fn(n, n, |i, j| information[(kept[i], kept[j])] * scale[kept[i]] * scale[kept[j]]);
+    let inverse = scaled.cholesky()?.inverse();
+    let trace: f64 = (0..3).map(|i| inverse[(i, i)] * scale[i] * scale[i]).sum();
+    trace.is_finite().then_some(trace)
+}

@@ -1,0 +1,399 @@
+//! The event loop of one run.
+//!
+//! One queue in time order holds what will happen: a sensor is due, a reading arrives, the truth is written, a picture is
+//! taken. The world is stepped to each event's time, never beyond; truth older than the longest look back is dropped. At equal
+//! times the order is fixed (truth, sensors in the file's order, arrivals in order of sensor and sequence, pictures, clock),
+//! so that equal runs make equal bytes.
+
+#![expect(clippy::disallowed_types, reason = "world side: the run drives world and observers")]
+
+use crate::build;
+use crate::error::RunError;
+use crate::events::{RunEvent, RunHeader, RunObserver, SceneOwner, TrackUpdate};
+use crate::faults::{Fate, Faults};
+use crate::judge::judge;
+use crate::track::{Step, Track};
+use lumenav_core::time::{NANOSECONDS_PER_SECOND, nanoseconds};
+use lumenav_core::{
+    CapsuleTruth, Name, Observation, PathMap, Primitive, RandomStreams, Reading, Registry, Sensor, SimTime,
+    TruthView,
+};
+use lumenav_fusion::Counters;
+use lumenav_scenario::{ScenarioFile, World};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// What happens next; the derived order breaks ties at equal times.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Truth,
+    Due(usize),
+    Arrival(usize, u64),
+    Scene,
+    Clock,
+}
+
+/// What a run leaves behind, besides what its observers wrote.
+#[derive(Clone, Debug, Default)]
+pub struct RunSummary {
+    /// Simulated time.
+    pub ended_at: SimTime,
+    /// Counters of each track's filter.
+    pub counters: BTreeMap<String, Counters>,
+    /// Readings taken, over all sensors.
+    pub readings: u64,
+}
+
+/// A world with its map, ready to run.
+pub struct Stage {
+    /// The world.
+    pub world: Box<dyn World>,
+    /// The tract as a map for evaluation.
+    pub map: Option<Arc<dyn PathMap>>,
+}
+
+/// What a run shows to whoever watches: all observers, each told the same.
+pub struct Observers<'o> {
+    all: Vec<&'o mut dyn RunObserver>,
+}
+
+impl<'o> Observers<'o> {
+    /// These observers, told in this order.
+    pub fn new(all: Vec<&'o mut dyn RunObserver>) -> Self {
+        Self { all }
+    }
+
+    fn start(&mut self, header: &RunHeader) -> Result<(), RunError> {
+        self.all.iter_mut().try_for_each(|o| o.start(header)).map_err(RunError::from)
+    }
+
+    fn tell(&mut self, event: &RunEvent<'_>) -> Result<(), RunError> {
+        self.all.iter_mut().try_for_each(|o| o.on(event)).map_err(RunError::from)
+    }
+
+    fn finish(&mut self) -> Result<(), RunError> {
+        self.all.iter_mut().try_for_each(|o| o.finish()).map_err(RunError::from)
+    }
+}
+
+/// Asked now and then whether to stop.
+pub type StopRequest<'s> = &'s (dyn Fn() -> bool + Sync);
+
+/// Simulates a scenario.
+///
+/// # Errors
+/// [`RunError`]; observers that have files open are dropped without finishing them.
+pub fn simulate(
+    file: &ScenarioFile,
+    registry: &Registry,
+    seed: u64,
+    trial: u64,
+    stage: Stage,
+    observers: &mut Observers<'_>,
+    stop: StopRequest<'_>,
+) -> Result<RunSummary, RunError> {
+    let Some(duration_s) = file.scenario.duration_s else {
+        return Err(file.node.child_or_empty("scenario").error("`duration_s` is missing; give seconds above 0").into());
+    };
+    let header = build::header(file, seed, trial, true)?;
+    let mut run = Simulation {
+        streams: RandomStreams::new(seed, trial, ""),
+        sensors: build::sensors(file, registry, stage.map.as_ref())?,
+        tracks: build::tracks(file, registry, stage.map.as_ref())?,
+        faults: Faults::new(file.faults.clone()),
+        world: stage.world,
+        map: stage.map,
+        queue: BTreeMap::new(),
+        end: SimTime(nanoseconds(duration_s.0)),
+        keep_ns: 0,
+        truth_period_ns: nanoseconds(1.0 / file.record.truth_rate_hz.0).max(1),
+        scene_period_ns: nanoseconds(1.0 / file.record.scene_rate_hz.0).max(1),
+        summary: RunSummary::default(),
+    };
+    observers.start(&header)?;
+    run.announce(file, observers)?;
+    run.fill_queue(file);
+    run.go(observers, stop)?;
+    observers.finish()?;
+    Ok(run.summary)
+}
+
+/// Runs recorded data through the tracks of a replay. `truth` is a reference trajectory, where there is one.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn replay(
+    file: &ScenarioFile,
+    registry: &Registry,
+    truth: Option<&dyn TruthView>,
+    observers: &mut Observers<'_>,
+    stop: StopRequest<'_>,
+) -> Result<RunSummary, RunError> {
+    let header = build::header(file, file.scenario.seed, 0, truth.is_some())?;
+    let mut tracks = build::tracks(file, registry, None)?;
+    let mut streams = Vec::new();
+    for (name, mut stream) in build::readers(file, registry)? {
+        let ahead = stream.next().transpose()?;
+        streams.push((name, stream, ahead));
+    }
+    let mut summary = RunSummary::default();
+    observers.start(&header)?;
+    // The stream whose next reading arrived first; ties go to the file's order.
+    while let Some(index) = streams
+        .iter()
+        .enumerate()
+        .filter_map(|(i, (_, _, ahead))| ahead.as_ref().map(|r| (r.arrival, i)))
+        .min()
+        .map(|(_, i)| i)
+    {
+        let (_, stream, ahead) = &mut streams[index];
+        // The index was chosen among those that hold a reading.
+        let Some(reading) = ahead.take() else { break };
+        *ahead = stream.next().transpose()?;
+        if stop() {
+            return Err(RunError::Stopped { at: reading.arrival });
+        }
+        if let Some(view) = truth {
+            observers.tell(&RunEvent::Truth(&view.capsule(reading.at())))?;
+        }
+        observers.tell(&RunEvent::Reading { reading: &reading, labels: None })?;
+        summary.readings += 1;
+        summary.ended_at = summary.ended_at.max(reading.arrival);
+        let judge_with = |at: SimTime| truth.map(|view| view.capsule(at));
+        feed(&mut tracks, &reading, &judge_with, None, observers)?;
+        observers.tell(&RunEvent::Clock { at: reading.arrival })?;
+    }
+    observers.finish()?;
+    summary.counters = counters(&tracks);
+    Ok(summary)
+}
+
+fn counters(tracks: &[Track]) -> BTreeMap<String, Counters> {
+    tracks.iter().filter_map(|t| t.filter().map(|f| (t.name.to_string(), f.counters().clone()))).collect()
+}
+
+/// Hands a reading to every track that uses its sensor and tells the observers what came of it.
+fn feed(
+    tracks: &mut [Track],
+    reading: &Reading,
+    truth_at: &dyn Fn(SimTime) -> Option<CapsuleTruth>,
+    map: Option<&dyn PathMap>,
+    observers: &mut Observers<'_>,
+) -> Result<(), RunError> {
+    for track in tracks {
+        let steps = track.process(reading).map_err(|source| RunError::Sensor {
+            sensor: reading.sensor.to_string(),
+            at: reading.at(),
+            source,
+        })?;
+        for step in steps {
+            tell_step(track, reading, step, truth_at, map, observers)?;
+        }
+        tell_scene(track, reading, observers)?;
+    }
+    Ok(())
+}
+
+fn tell_scene(track: &Track, reading: &Reading, observers: &mut Observers<'_>) -> Result<(), RunError> {
+    for input in track.inputs.iter().filter(|i| i.sensor == reading.sensor) {
+        let mut primitives = Vec::new();
+        if let Some(front_end) = &input.front_end {
+            front_end.scene(&mut primitives);
+        }
+        if !primitives.is_empty() {
+            let owner = SceneOwner::Reading(reading.sensor.clone());
+            observers.tell(&RunEvent::Scene { at: reading.at(), owner: &owner, primitives: &primitives })?;
+        }
+    }
+    Ok(())
+}
+
+fn tell_step(
+    track: &mut Track,
+    reading: &Reading,
+    step: Step,
+    truth_at: &dyn Fn(SimTime) -> Option<CapsuleTruth>,
+    map: Option<&dyn PathMap>,
+    observers: &mut Observers<'_>,
+) -> Result<(), RunError> {
+    let name = track.name.clone();
+    if let Some(why) = &step.refusal {
+        observers.tell(&RunEvent::Refused {
+            track: &name,
+            sensor: &reading.sensor,
+            sequence: reading.sequence,
+            at: reading.at(),
+            measurement: step.measurement.as_ref(),
+            why,
+        })?;
+    }
+    if let Some(lost) = &step.lost {
+        let text = format!("belief given up: {lost}");
+        observers.tell(&RunEvent::Note { at: reading.at(), source: &name, text: &text })?;
+    }
+    let Some(estimate) = &step.estimate else { return Ok(()) };
+    if step.started {
+        let text = format!("belief started from a fix of sensor `{}`", reading.sensor);
+        observers.tell(&RunEvent::Note { at: estimate.at, source: &name, text: &text })?;
+    }
+    let truth = truth_at(estimate.at);
+    let error = truth.as_ref().map(|t| judge(estimate, t, step.measurement.as_ref(), map));
+    let block = estimate.pose.covariance.fixed_view::<3, 3>(0, 0).into_owned().symmetric_eigen();
+    let largest = block.eigenvalues.imax();
+    observers.tell(&RunEvent::Update(&TrackUpdate {
+        track: &name,
+        sensor: &reading.sensor,
+        update: track.updates,
+        estimate,
+        nis: step.nis,
+        weakest: (block.eigenvalues[largest].max(0.0).sqrt(), block.eigenvectors.column(largest).into_owned()),
+        started: step.started,
+        truth: truth.as_ref(),
+        error: error.as_ref(),
+        compute_s: step.compute_s,
+    }))?;
+    track.updates += 1;
+    Ok(())
+}
+
+/// A simulation under way.
+struct Simulation {
+    streams: RandomStreams,
+    sensors: Vec<(Name, Box<dyn Sensor>)>,
+    tracks: Vec<Track>,
+    faults: Faults,
+    world: Box<dyn World>,
+    map: Option<Arc<dyn PathMap>>,
+    /// Events by time and kind; arrivals carry their observation.
+    queue: BTreeMap<(SimTime, Kind), Option<Observation>>,
+    end: SimTime,
+    /// How much truth behind the present is kept.
+    keep_ns: i64,
+    truth_period_ns: i64,
+    scene_period_ns: i64,
+    summary: RunSummary,
+}
+
+impl Simulation {
+    /// Tells what is known beforehand: the static picture and the faults to come.
+    fn announce(&mut self, file: &ScenarioFile, observers: &mut Observers<'_>) -> Result<(), RunError> {
+        let mut primitives: Vec<Primitive> = Vec::new();
+        self.world.static_scene(&mut primitives);
+        let at = SimTime::ZERO;
+        observers.tell(&RunEvent::Scene { at, owner: &SceneOwner::World, primitives: &primitives })?;
+        for fault in &file.faults {
+            let (_, start_s, _) = fault.place();
+            let at = SimTime::from_seconds(start_s);
+            observers.tell(&RunEvent::Note { at, source: "fault", text: &fault.describe() })?;
+        }
+        Ok(())
+    }
+
+    fn fill_queue(&mut self, file: &ScenarioFile) {
+        self.queue.insert((SimTime::ZERO, Kind::Truth), None);
+        self.queue.insert((SimTime::ZERO, Kind::Scene), None);
+        self.queue.insert((SimTime::ZERO, Kind::Clock), None);
+        for (index, (_, sensor)) in self.sensors.iter().enumerate() {
+            self.queue.insert((sensor.next_due(), Kind::Due(index)), None);
+        }
+        let look_back = self.sensors.iter().map(|(_, s)| s.look_back_ns()).max().unwrap_or(0);
+        let latency_s = file.sensors.iter().filter_map(|s| s.schedule).map(|s| s.latency_ms.0 * 1e-3);
+        let delay_s: f64 = file
+            .faults
+            .iter()
+            .map(|f| if let lumenav_scenario::Fault::Delay { delay_ms, .. } = f { delay_ms.0 * 1e-3 } else { 0.0 })
+            .sum();
+        self.keep_ns = look_back + nanoseconds(latency_s.fold(0.0, f64::max) + delay_s) + NANOSECONDS_PER_SECOND;
+    }
+
+    fn go(&mut self, observers: &mut Observers<'_>, stop: StopRequest<'_>) -> Result<(), RunError> {
+        while let Some(((at, kind), observation)) = self.queue.pop_first() {
+            if at > self.end {
+                break;
+            }
+            self.world.advance_to(at)?;
+            self.pass_on_notes(observers)?;
+            match kind {
+                Kind::Truth => {
+                    observers.tell(&RunEvent::Truth(&self.world.truth().capsule(at)))?;
+                    self.queue.insert((at + self.truth_period_ns, Kind::Truth), None);
+                }
+                Kind::Due(index) => self.observe(index, at, observers)?,
+                Kind::Arrival(..) => self.arrive(observation, observers)?,
+                Kind::Scene => {
+                    self.picture(at, observers)?;
+                    self.queue.insert((at + self.scene_period_ns, Kind::Scene), None);
+                }
+                Kind::Clock => {
+                    if stop() {
+                        return Err(RunError::Stopped { at });
+                    }
+                    self.world.forget_before(at - self.keep_ns);
+                    observers.tell(&RunEvent::Clock { at })?;
+                    self.queue.insert((at + NANOSECONDS_PER_SECOND, Kind::Clock), None);
+                }
+            }
+        }
+        self.summary.ended_at = self.end;
+        self.summary.counters = counters(&self.tracks);
+        Ok(())
+    }
+
+    fn pass_on_notes(&mut self, observers: &mut Observers<'_>) -> Result<(), RunError> {
+        for note in self.world.take_notes() {
+            observers.tell(&RunEvent::Note { at: note.at, source: "world", text: &note.text })?;
+        }
+        Ok(())
+    }
+
+    fn observe(&mut self, index: usize, at: SimTime, observers: &mut Observers<'_>) -> Result<(), RunError> {
+        let (name, sensor) = &mut self.sensors[index];
+        let streams = self.streams.for_component(name);
+        let observation = sensor
+            .observe(self.world.truth(), at, &streams)
+            .map_err(|source| RunError::Sensor { sensor: name.to_string(), at, source })?;
+        self.queue.insert((sensor.next_due(), Kind::Due(index)), None);
+        let Some(Observation { reading, labels }) = observation else {
+            return observers.tell(&RunEvent::Missing { sensor: name, at, why: "lost on the way" });
+        };
+        match self.faults.befall(reading, &streams) {
+            Fate::Lost(why) => observers.tell(&RunEvent::Missing { sensor: name, at, why: &why }),
+            Fate::Passed(reading) => {
+                let key = (reading.arrival.max(at), Kind::Arrival(index, reading.sequence));
+                self.queue.insert(key, Some(Observation { reading: *reading, labels }));
+                Ok(())
+            }
+        }
+    }
+
+    fn arrive(
+        &mut self,
+        observation: Option<Observation>,
+        observers: &mut Observers<'_>,
+    ) -> Result<(), RunError> {
+        // Arrivals are queued with their observation.
+        let Some(Observation { reading, labels }) = observation else { return Ok(()) };
+        self.summary.readings += 1;
+        observers.tell(&RunEvent::Reading { reading: &reading, labels: labels.as_ref() })?;
+        let world = &self.world;
+        let truth_at = |at: SimTime| Some(world.truth().capsule(at));
+        feed(&mut self.tracks, &reading, &truth_at, self.map.as_deref(), observers)
+    }
+
+    fn picture(&mut self, at: SimTime, observers: &mut Observers<'_>) -> Result<(), RunError> {
+        let mut primitives = Vec::new();
+        self.world.moving_scene(&mut primitives);
+        if !primitives.is_empty() {
+            observers.tell(&RunEvent::Scene { at, owner: &SceneOwner::World, primitives: &primitives })?;
+        }
+        for (name, sensor) in &self.sensors {
+            let mut primitives = Vec::new();
+            sensor.scene(&mut primitives);
+            if !primitives.is_empty() {
+                let owner = SceneOwner::Sensor(name.clone());
+                observers.tell(&RunEvent::Scene { at, owner: &owner, primitives: &primitives })?;
+            }
+        }
+        Ok(())
+    }
+}

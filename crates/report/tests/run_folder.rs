@@ -1,0 +1,324 @@
+//! The files of a run: round trips, contracts, failures, equal bytes.
+
+#![expect(clippy::disallowed_types, reason = "world side: the test plays a world")]
+
+mod synthetic;
+
+use lumenav_core::{Column, ColumnKind, ColumnSpec, Frame, Reading, Rows, Schema, SimTime};
+use lumenav_pipeline::{RunEvent, RunObserver};
+use lumenav_report::{
+    Logged, Manifest, Metrics, ReadingsObserver, ReportError, RunFolder, RunWriter, Timing, WriterOptions, read_events,
+    read_json, read_tracks, read_tum, write_csv, write_kitti, write_tum,
+};
+use nalgebra::Isometry3;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+const TRACKS: [&str; 2] = ["magnetic", "pet"];
+
+/// Runs the synthetic run of 30 s at 10 Hz into a folder.
+fn run(target: &Path) -> PathBuf {
+    let options = WriterOptions {
+        save_readings: true,
+        command_line: vec!["lumenav".into(), "run".into(), "helix.toml".into()],
+        ..WriterOptions::default()
+    };
+    let mut writer = RunWriter::create(target, options).unwrap();
+    synthetic::play(&mut writer, 30.0, 10.0, &TRACKS).unwrap();
+    assert_eq!(writer.metrics().unwrap().tracks.len(), 2);
+    writer.commit().unwrap()
+}
+
+#[test]
+fn law_the_folder_appears_whole_with_all_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = run(&folder.path().join("out/helix-7"));
+    let mut names: Vec<String> = std::fs::read_dir(&out)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    assert_eq!(
+        names,
+        [
+            "events.jsonl",
+            "magnetic.tum",
+            "manifest.json",
+            "metrics.json",
+            "pet.tum",
+            "readings",
+            "timing.json",
+            "tracks.parquet",
+            "truth.tum"
+        ]
+    );
+    assert_eq!(std::fs::read_dir(folder.path().join("out")).unwrap().count(), 1);
+    let manifest: Manifest = read_json(&out.join("manifest.json")).unwrap();
+    assert_eq!((manifest.seed, manifest.scenario.as_str()), (7, "helix"));
+    assert_eq!(manifest.command_line.len(), 3);
+    assert_eq!(manifest.scenario_toml, "name = \"helix\"\n");
+    assert!(manifest.files.contains_key("tracks.parquet") && !manifest.files.contains_key("timing.json"));
+    let timing: Timing = read_json(&out.join("timing.json")).unwrap();
+    assert_eq!(timing.tracks["pet"].updates, 280);
+    assert!((timing.tracks["pet"].update_ms.unwrap().mean - 0.1).abs() < 1e-12);
+}
+
+#[test]
+fn law_two_equal_runs_differ_in_timing_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (a, b) = (run(&folder.path().join("a")), run(&folder.path().join("b")));
+    for name in ["events.jsonl", "magnetic.tum", "manifest.json", "metrics.json", "tracks.parquet", "truth.tum"] {
+        assert!(std::fs::read(a.join(name)).unwrap() == std::fs::read(b.join(name)).unwrap(), "{name}");
+    }
+}
+
+#[test]
+fn law_tum_round_trips_and_equals_the_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = run(&folder.path().join("out"));
+    let poses = read_tum(&out.join("truth.tum")).unwrap();
+    assert_eq!(poses.len(), 300);
+    for pose in &poses {
+        let truth = synthetic::truth(pose.at).world_from_capsule;
+        assert!((pose.world_from_capsule.translation.vector - truth.translation.vector).norm() < 2e-12);
+        assert!(pose.world_from_capsule.rotation.angle_to(&truth.rotation) < 1e-8);
+    }
+    let again = folder.path().join("again.tum");
+    write_tum(&again, &poses).unwrap();
+    let lines = |path: &Path| -> Vec<String> {
+        let text = std::fs::read_to_string(path).unwrap();
+        text.lines().filter(|line| !line.starts_with('#')).map(str::to_owned).collect()
+    };
+    for (a, b) in lines(&out.join("truth.tum")).iter().zip(lines(&again)) {
+        let numbers = |line: &str| line.split(' ').map(|x| x.parse::<f64>().unwrap()).collect::<Vec<_>>();
+        assert_eq!(a.split(' ').next(), b.split(' ').next());
+        assert!(numbers(a).iter().zip(numbers(&b)).all(|(x, y)| (x - y).abs() < 3e-12));
+    }
+}
+
+#[test]
+fn closed_form_kitti_is_the_upper_part_of_the_matrix() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.txt");
+    let quarter = Isometry3::new(nalgebra::Vector3::new(1.0, 2.0, 3.0), nalgebra::Vector3::z() * std::f64::consts::FRAC_PI_2);
+    write_kitti(&path, &[lumenav_report::StampedPose { at: SimTime(0), world_from_capsule: quarter }]).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let numbers: Vec<f64> = text.split_whitespace().map(|x| x.parse().unwrap()).collect();
+    let expected = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0];
+    assert!(numbers.len() == 12 && numbers.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{numbers:?}");
+}
+
+#[test]
+fn law_a_bad_line_of_a_tum_file_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bad.tum");
+    let good = "# comment\n0.0 0 0 0 0 0 0 1\n";
+    for (line, what) in [
+        ("1.0 0 0 0 0 0 0", "7 numbers, 8 wanted"),
+        ("1.0 0 0 NaN 0 0 0 1", "`NaN` is not a finite number"),
+        ("1.0 0 0 x 0 0 0 1", "`x` is not a finite number"),
+        ("1.0 0 0 0 0 0 0 0", "has no direction"),
+        ("0.0 0 0 0 0 0 0 1", "time does not increase: 0.000000000 s after 0.000000000 s"),
+        ("nan 0 0 0 0 0 0 1", "`nan` is not a time in seconds"),
+    ] {
+        std::fs::write(&path, format!("{good}{line}\n")).unwrap();
+        let error = read_tum(&path).unwrap_err().to_string();
+        assert!(error.contains("bad.tum:3: ") && error.contains(what), "{error}");
+    }
+    std::fs::write(&path, b"0.0 0 0 0 0 0 0 1\n\xff\xfe\n").unwrap();
+    assert!(read_tum(&path).unwrap_err().to_string().contains("bad.tum:2: cannot be read as text"));
+}
+
+#[test]
+fn closed_form_tracks_parquet_holds_every_update() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = run(&folder.path().join("out"));
+    let rows = read_tracks(&out.join("tracks.parquet")).unwrap();
+    assert_eq!(rows.len(), 2 * 280);
+    for row in &rows {
+        let t = SimTime(row.t_ns).seconds();
+        let scale = if &*row.track == "pet" { 3.0 } else { 1.0 };
+        let phase = if &*row.track == "pet" { 1.0 } else { 0.0 };
+        assert!((row.number("error_x_mm").unwrap() - scale * (1.7 * t + phase).sin()).abs() < 1e-12);
+        assert_eq!(row.available_ns - row.t_ns, 20_000_000);
+        assert_eq!((row.pose_dof, row.nees_dof), (5, Some(5)));
+        assert_eq!(row.number("nis").is_some(), row.update > 0);
+        assert_eq!(row.number("attitude_error_deg"), None);
+        assert!((row.covariance_matrix()[(2, 2)] - (2.2e-3 * scale).powi(2)).abs() < 1e-18);
+        assert!(row.valid && row.started == (row.update == 0));
+    }
+    let truth = read_tum(&out.join("pet.tum")).unwrap();
+    let pet: Vec<_> = rows.iter().filter(|row| &*row.track == "pet").collect();
+    assert_eq!(truth.len(), pet.len());
+    for (a, b) in truth.iter().zip(&pet) {
+        let b = b.stamped_pose().unwrap();
+        assert_eq!(a.at, b.at);
+        assert!((a.world_from_capsule.translation.vector - b.world_from_capsule.translation.vector).norm() < 2e-12);
+    }
+    let csv = folder.path().join("a.csv");
+    write_csv(&csv, &rows).unwrap();
+    let text = std::fs::read_to_string(&csv).unwrap();
+    let mut lines = text.lines();
+    let columns: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let error = columns.iter().position(|name| *name == "error_x_mm").unwrap();
+    for (line, row) in lines.zip(&rows) {
+        let cells: Vec<&str> = line.split(',').collect();
+        assert_eq!(cells.len(), columns.len());
+        assert_eq!(cells[error].parse::<f64>().ok(), row.number("error_x_mm"));
+    }
+}
+
+#[test]
+fn law_a_file_that_is_no_table_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tracks.parquet");
+    std::fs::write(&path, "no table at all").unwrap();
+    assert!(matches!(read_tracks(&path), Err(ReportError::Table { .. })));
+    assert!(read_tracks(&folder.path().join("none")).unwrap_err().to_string().starts_with("cannot open "));
+}
+
+#[test]
+fn closed_form_metrics_follow_from_the_known_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = run(&folder.path().join("out"));
+    let metrics: Metrics = read_json(&out.join("metrics.json")).unwrap();
+    assert_eq!((metrics.schema, metrics.seed, metrics.duration_s), (1, 7, 30.0));
+    let track = &metrics.tracks["magnetic"];
+    let times: Vec<f64> = (0..300).map(|i| f64::from(i) / 10.0).filter(|t| !(20.0..22.0).contains(t)).collect();
+    let norm = |t: f64| ((1.7 * t).sin().powi(2) + (2.9 * t).cos().powi(2) + (0.8 * t).sin().powi(2)).sqrt();
+    let n = times.len() as f64;
+    let mean = times.iter().map(|t| norm(*t)).sum::<f64>() / n;
+    let rmse = (times.iter().map(|t| norm(*t).powi(2)).sum::<f64>() / n).sqrt();
+    let position = track.position_error_mm.unwrap();
+    assert!((position.mean - mean).abs() < 1e-9 && (position.rmse - rmse).abs() < 1e-9);
+    // The bound's trace is 1 mm²: RMSE in mm is the ratio.
+    assert!((track.rmse_over_bound.unwrap() - rmse).abs() < 1e-9);
+    let bias = times.iter().map(|t| (1.7 * t).sin()).sum::<f64>() / n;
+    assert!((track.position_error_per_axis_mm.unwrap().x.bias - bias).abs() < 1e-9);
+    assert_eq!(track.attitude_error_deg, None);
+    // From 20 to 22 s there is no update; the last one is at 19.9 s, fresh until 20.9 s: 11 of 20 instants are stale.
+    assert_eq!(track.availability, Some(289.0 / 300.0));
+    assert_eq!((track.updates, track.starts, track.failed_updates), (280, 1, 0));
+    assert_eq!(track.refused, BTreeMap::from([("gate".to_owned(), 20)]));
+    assert!((track.latency_ms.unwrap().mean - 20.0).abs() < 1e-9);
+    assert_eq!(track.time_to_first_fix_s, Some(0.02));
+    assert_eq!(track.nees.unwrap().dof, 5);
+    assert_eq!(track.nis.unwrap().dof, 48.0);
+    assert!(track.verdict.is_some());
+    let text = std::fs::read_to_string(out.join("metrics.json")).unwrap();
+    for key in ["\"position_error_mm\"", "\"nees\"", "\"inside_95\"", "\"latency_ms\"", "\"attitude_error_deg\": null"] {
+        assert!(text.contains(key), "{key}");
+    }
+}
+
+#[test]
+fn law_events_round_trip_with_their_figures() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = run(&folder.path().join("out"));
+    let events = read_events(&out.join("events.jsonl")).unwrap();
+    assert_eq!(events.len(), 1 + 40);
+    let Logged::Refused { track, reason, chi_square, worst, .. } = &events[1].what else { panic!("{:?}", events[1]) };
+    assert_eq!((track.as_str(), reason.as_str(), *chi_square), ("magnetic", "gate", Some(120.0)));
+    assert_eq!((worst[0].channel, worst[0].standardised), (3, 7.0));
+    let path = folder.path().join("bad.jsonl");
+    std::fs::write(&path, "{\"t_ns\":0,\"event\":\"note\",\"source\":\"world\",\"text\":\"x\"}\n{}\n").unwrap();
+    assert!(read_events(&path).unwrap_err().to_string().contains("bad.jsonl:2: no event"));
+}
+
+fn reading(sensor: &str, at_s: f64, payload: Frame) -> Reading {
+    let at = SimTime::from_seconds(at_s);
+    let known_poses = BTreeMap::from([("array".to_owned(), Isometry3::translation(0.5, 0.0, 0.0))]);
+    Reading { sensor: sensor.into(), sequence: 3, interval: (at, at), arrival: at, known_poses, payload }
+}
+
+#[test]
+fn law_readings_read_back_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut observer = ReadingsObserver::new(folder.path());
+    observer.start(&synthetic::header(1.0, &TRACKS)).unwrap();
+    let values = [1.0 / 3.0, f64::NAN, -4.9e-324, 5e-5];
+    let labels = ["a_T", "b_T", "c,d", "e_T"].map(str::to_owned).to_vec();
+    let flux = Frame::of_values(Schema::channels("m/1", "flux_tesla", labels), values.to_vec()).unwrap();
+    let lines = Frame::new(
+        Schema::events("lor/1", &["x1_mm", "x2_mm"]),
+        vec![Column::F64(vec![0.1, 0.2]), Column::F64(vec![0.3, 0.4])],
+        vec![true, false],
+    )
+    .unwrap();
+    let image_schema = Arc::new(Schema {
+        name: "image/1".into(),
+        columns: vec![ColumnSpec { name: "jpeg".into(), kind: ColumnKind::Bytes }],
+        rows: Rows::Events,
+    });
+    let jpeg = vec![0xff, 0xd8, 1, 2, 3];
+    let image = Frame::new(image_schema, vec![Column::Bytes(jpeg.clone())], vec![true]).unwrap();
+    for (sensor, frame) in [("belt", flux), ("scanner", lines), ("camera", image)] {
+        observer.on(&RunEvent::Reading { reading: &reading(sensor, 0.000_000_001, frame), labels: None }).unwrap();
+    }
+    observer.finish().unwrap();
+    let text = |name: &str| std::fs::read_to_string(folder.path().join("readings").join(name)).unwrap();
+    let belt = text("belt.csv");
+    let mut rows = belt.lines();
+    assert_eq!(rows.next(), Some("t_s,a_T,b_T,\"c,d\",e_T"));
+    let cells: Vec<&str> = rows.next().unwrap().split(',').collect();
+    assert_eq!((cells[0], cells[2]), ("0.000000001", ""));
+    for (cell, value) in [(1, 0), (3, 2), (4, 3)] {
+        assert_eq!(cells[cell].parse::<f64>().unwrap().to_bits(), values[value].to_bits());
+    }
+    assert_eq!(text("scanner.csv"), "t_s,x1_mm,x2_mm\n0.000000001,0.1,0.3\n0.000000001,,\n");
+    assert_eq!(text("camera/frames.csv"), "t_s,file\n0.000000001,00000003.jpg\n");
+    assert_eq!(std::fs::read(folder.path().join("readings/camera/00000003.jpg")).unwrap(), jpeg);
+    let poses = read_tum(&folder.path().join("readings/belt.array.tum")).unwrap();
+    assert_eq!(poses[0].world_from_capsule.translation.x, 0.5);
+}
+
+#[test]
+fn law_results_are_not_overwritten_unasked() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("out");
+    std::fs::create_dir(&target).unwrap();
+    std::fs::write(target.join("precious"), "x").unwrap();
+    assert!(matches!(RunFolder::create(&target, false), Err(ReportError::Exists(_))));
+    // Replaced only at the end, and not by a run that fails.
+    drop(RunFolder::create(&target, true).unwrap());
+    assert!(target.join("precious").exists());
+    let new = RunFolder::create(&target, true).unwrap();
+    std::fs::write(new.path().join("result"), "y").unwrap();
+    new.commit().unwrap();
+    assert!(target.join("result").exists() && !target.join("precious").exists());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn law_what_appears_meanwhile_is_not_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("out");
+    let new = RunFolder::create(&target, false).unwrap();
+    std::fs::create_dir(&target).unwrap();
+    assert!(matches!(new.commit(), Err(ReportError::Exists(_))));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn law_a_folder_that_cannot_be_made_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "x").unwrap();
+    let error = RunFolder::create(&file.join("out"), false).unwrap_err().to_string();
+    assert!(error.starts_with("cannot create folder ") && error.contains("file"), "{error}");
+    assert!(matches!(RunFolder::create(Path::new("/"), false), Err(ReportError::NoName(_))));
+}
+
+#[test]
+fn law_a_failed_write_stops_the_run_and_names_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("out");
+    let mut writer = RunWriter::create(&target, WriterOptions::default()).unwrap();
+    // In the place of a file stands a folder.
+    std::fs::create_dir(writer.path().join("events.jsonl")).unwrap();
+    let error = synthetic::play(&mut writer, 1.0, 10.0, &TRACKS).unwrap_err().to_string();
+    assert!(error.contains("cannot create ") && error.contains("events.jsonl"), "{error}");
+    drop(writer);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}

@@ -1,0 +1,429 @@
+//! The scenario file: one TOML that says what happens, what is installed, what is real, and who estimates.
+//!
+//! Tables: `[scenario]`, `[tract]`, `[capsule]`, `[motility]`, `[engine]`, `[truth]`, `[[sensor]]` (with `.schedule`,
+//! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[fault]]`, `[record]`.
+//! Every key has a default that makes sense, unknown keys are errors, and every error names file, line, key and what is
+//! allowed. The same reader serves replays: there `[[sensor]]` has `.files` instead of a schedule.
+
+use crate::error::ScenarioError;
+use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
+use lumenav_core::{CapsuleBody, ConfigError, ModelFolder, Name, Node, Schedule};
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// `[scenario]`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScenarioTable {
+    /// Short name: the run's folder is named after it.
+    pub name: String,
+    /// What it is about.
+    #[serde(default)]
+    pub description: String,
+    /// Length, s. In a replay the data decide.
+    pub duration_s: Option<Positive>,
+    /// Seed of all random streams. Default 1.
+    #[serde(default = "seed")]
+    pub seed: u64,
+    /// Where its numbers come from.
+    #[serde(default)]
+    pub source: String,
+}
+
+fn seed() -> u64 {
+    1
+}
+
+/// `[capsule]`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CapsuleTable {
+    /// Name of a model in `models/capsules`, or a path.
+    pub model: String,
+    /// Where the capsule starts along the tract, mm. Default 30: clear of the tract's end.
+    #[serde(default = "start_mm")]
+    pub start_arc_length_mm: NonNegative,
+    /// Turn about its own axis at the start, degrees.
+    #[serde(default)]
+    pub start_roll_deg: Finite,
+}
+
+fn start_mm() -> NonNegative {
+    NonNegative(30.0)
+}
+
+/// `[capsule]` of a capsule model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CapsuleModelTable {
+    /// Its name.
+    pub name: String,
+    /// Outer diameter, mm.
+    pub diameter_mm: Positive,
+    /// Overall length, mm.
+    pub length_mm: Positive,
+    /// Mass, g.
+    pub mass_g: Positive,
+    /// Where the numbers come from.
+    pub source: String,
+}
+
+/// `[tract]`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TractTable {
+    /// Name of a model in `models/tracts`, or a path.
+    pub model: String,
+    /// Consecutive segments to keep; empty: all.
+    #[serde(default)]
+    pub segments: Vec<String>,
+    /// Factor on the centre line. Default 1.
+    #[serde(default = "one")]
+    pub length_scale: Positive,
+    /// Factor on the radii. Default 1.
+    #[serde(default = "one")]
+    pub radius_scale: Positive,
+}
+
+fn one() -> Positive {
+    Positive(1.0)
+}
+
+/// One `[[sensor]]`, its tables kept as nodes for the plugin.
+#[derive(Clone, Debug)]
+pub struct SensorEntry {
+    /// Its name.
+    pub name: Name,
+    /// Its modality.
+    pub modality: String,
+    /// When it reads; `None` in a replay.
+    pub schedule: Option<Schedule>,
+    /// What both sides know.
+    pub installed: Node,
+    /// What the world does beyond that.
+    pub reality: Node,
+    /// Recorded data, in a replay.
+    pub files: Node,
+    /// The whole entry, for messages.
+    pub node: Node,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SensorTable {
+    name: String,
+    modality: String,
+    #[serde(rename = "schedule", skip_serializing, default)]
+    _schedule: Option<IgnoredAny>,
+    #[serde(rename = "installed", skip_serializing, default)]
+    _installed: Option<IgnoredAny>,
+    #[serde(rename = "reality", skip_serializing, default)]
+    _reality: Option<IgnoredAny>,
+    #[serde(rename = "files", skip_serializing, default)]
+    _files: Option<IgnoredAny>,
+}
+
+/// One `[[track]]`, its tables kept as nodes for filter and plugins.
+#[derive(Clone, Debug)]
+pub struct TrackEntry {
+    /// Its name.
+    pub name: Name,
+    /// Sensors it may use, by name.
+    pub sensors: Vec<Name>,
+    /// `[track.filter]`.
+    pub filter: Node,
+    /// `[track.prior]`, where written.
+    pub prior: Option<Node>,
+    /// Options of each sensor's front end, in the order of [`Self::sensors`].
+    pub options: Vec<Node>,
+    /// The whole entry, for messages.
+    pub node: Node,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TrackTable {
+    name: String,
+    sensors: Vec<String>,
+    #[serde(rename = "filter", skip_serializing, default)]
+    _filter: Option<IgnoredAny>,
+    #[serde(rename = "prior", skip_serializing, default)]
+    _prior: Option<IgnoredAny>,
+    #[serde(rename = "sensor", skip_serializing, default)]
+    _sensor: Option<IgnoredAny>,
+}
+
+/// One `[[fault]]`: something that befalls a sensor's readings on their way, whatever the modality.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Fault {
+    /// No readings arrive.
+    Dropout {
+        /// The sensor.
+        sensor: String,
+        /// From, s.
+        start_s: NonNegative,
+        /// To, s.
+        end_s: Positive,
+    },
+    /// Single channels are lost.
+    LostChannels {
+        /// The sensor.
+        sensor: String,
+        /// From, s.
+        start_s: NonNegative,
+        /// To, s.
+        end_s: Positive,
+        /// Rows of the reading.
+        channels: Vec<usize>,
+    },
+    /// Channels keep the value they had when the fault began.
+    Stuck {
+        /// The sensor.
+        sensor: String,
+        /// From, s.
+        start_s: NonNegative,
+        /// To, s.
+        end_s: Positive,
+        /// Rows of the reading.
+        channels: Vec<usize>,
+    },
+    /// Values of random channels are replaced by wild ones.
+    Outliers {
+        /// The sensor.
+        sensor: String,
+        /// From, s.
+        start_s: NonNegative,
+        /// To, s.
+        end_s: Positive,
+        /// Share of the values hit.
+        share: Fraction,
+        /// Standard deviation of what is added, in the unit of the reading's column.
+        sigma: Positive,
+    },
+    /// Readings arrive later.
+    Delay {
+        /// The sensor.
+        sensor: String,
+        /// From, s.
+        start_s: NonNegative,
+        /// To, s.
+        end_s: Positive,
+        /// By how much, ms.
+        delay_ms: Positive,
+    },
+}
+
+impl Fault {
+    /// The sensor and the interval in seconds.
+    pub fn place(&self) -> (&str, f64, f64) {
+        match self {
+            Self::Dropout { sensor, start_s, end_s }
+            | Self::LostChannels { sensor, start_s, end_s, .. }
+            | Self::Stuck { sensor, start_s, end_s, .. }
+            | Self::Outliers { sensor, start_s, end_s, .. }
+            | Self::Delay { sensor, start_s, end_s, .. } => (sensor, start_s.0, end_s.0),
+        }
+    }
+
+    /// In words, for notes.
+    pub fn describe(&self) -> String {
+        let (sensor, start, end) = self.place();
+        let what = match self {
+            Self::Dropout { .. } => "dropout".to_owned(),
+            Self::LostChannels { channels, .. } => format!("channels {channels:?} lost"),
+            Self::Stuck { channels, .. } => format!("channels {channels:?} stuck"),
+            Self::Outliers { share, .. } => format!("outliers on {:.0} % of the values", 100.0 * share.0),
+            Self::Delay { delay_ms, .. } => format!("readings {} ms later", delay_ms.0),
+        };
+        format!("sensor `{sensor}`: {what} from {start} to {end} s")
+    }
+}
+
+/// `[record]`.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RecordTable {
+    /// Rate at which truth is written and availability judged, Hz. Default 10.
+    pub truth_rate_hz: Positive,
+    /// Rate of pictures (moving wall, sensors), Hz. Default 2.
+    pub scene_rate_hz: Positive,
+}
+
+impl Default for RecordTable {
+    fn default() -> Self {
+        Self { truth_rate_hz: Positive(10.0), scene_rate_hz: Positive(2.0) }
+    }
+}
+
+/// A scenario or replay as read: typed where the framework decides, nodes where a plugin does.
+#[derive(Clone, Debug)]
+pub struct ScenarioFile {
+    /// `[scenario]`.
+    pub scenario: ScenarioTable,
+    /// `[capsule]`.
+    pub capsule: CapsuleTable,
+    /// The capsule's shape.
+    pub body: CapsuleBody,
+    /// The capsule's model file.
+    pub capsule_model: Node,
+    /// `[tract]`, where written.
+    pub tract: Option<TractTable>,
+    /// The sensors.
+    pub sensors: Vec<SensorEntry>,
+    /// The tracks.
+    pub tracks: Vec<TrackEntry>,
+    /// The faults.
+    pub faults: Vec<Fault>,
+    /// `[record]`.
+    pub record: RecordTable,
+    /// Where models are found.
+    pub models: ModelFolder,
+    /// The file.
+    pub node: Node,
+}
+
+/// Tables of the file, for its unknown keys.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Outline {
+    #[serde(rename = "scenario")]
+    _scenario: IgnoredAny,
+    #[serde(rename = "capsule")]
+    _capsule: IgnoredAny,
+    #[serde(rename = "tract")]
+    _tract: Option<IgnoredAny>,
+    #[serde(rename = "motility")]
+    _motility: Option<IgnoredAny>,
+    #[serde(rename = "engine")]
+    _engine: Option<IgnoredAny>,
+    #[serde(rename = "truth")]
+    _truth: Option<IgnoredAny>,
+    #[serde(rename = "sensor")]
+    _sensor: Option<IgnoredAny>,
+    #[serde(rename = "track")]
+    _track: Option<IgnoredAny>,
+    #[serde(rename = "fault")]
+    _fault: Option<IgnoredAny>,
+    #[serde(rename = "record")]
+    _record: Option<IgnoredAny>,
+}
+
+impl ScenarioFile {
+    /// Reads a file that has been opened.
+    ///
+    /// # Errors
+    /// [`ScenarioError::Config`] with file, line, key and what is allowed.
+    pub fn from_node(node: Node, models: ModelFolder) -> Result<Self, ScenarioError> {
+        let _: Outline = node.parse_quietly()?;
+        let scenario: ScenarioTable = node.child_or_empty("scenario").parse()?;
+        check_name(&scenario.name, &node.child_or_empty("scenario"))?;
+        let capsule: CapsuleTable = node.child_or_empty("capsule").parse()?;
+        let capsule_model = models.open("capsules", &capsule.model, &node.child_or_empty("capsule"), "model")?;
+        let shape: CapsuleModelTable = capsule_model.child_or_empty("capsule").parse()?;
+        if shape.length_mm.0 < shape.diameter_mm.0 {
+            let message = "a capsule is at least as long as it is wide";
+            return Err(capsule_model.child_or_empty("capsule").error_at("length_mm", message).into());
+        }
+        let body = CapsuleBody {
+            radius_m: 0.5e-3 * shape.diameter_mm.0,
+            length_m: 1e-3 * shape.length_mm.0,
+            mass_kg: 1e-3 * shape.mass_g.0,
+        };
+        let tract = node.child("tract").map(|n| n.parse()).transpose()?;
+        let sensors = read_sensors(&node)?;
+        let tracks = read_tracks(&node, &sensors)?;
+        let faults = read_faults(&node, &sensors)?;
+        let record = node.child_or_empty("record").parse()?;
+        Ok(Self { scenario, capsule, body, capsule_model, tract, sensors, tracks, faults, record, models, node })
+    }
+}
+
+/// Names become folders and entity paths: letters, digits, `-`, `_` and `.`, not starting with a dot.
+fn check_name(name: &str, node: &Node) -> Result<(), ConfigError> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    if name.is_empty() || name.len() > 80 || name.starts_with('.') || !name.chars().all(allowed) {
+        let message = format!("`{name}` is not allowed as a name; use 1 to 80 of A-Z a-z 0-9 - _ . (no leading dot)");
+        return Err(node.error_at("name", &message));
+    }
+    Ok(())
+}
+
+fn check_unique(seen: &mut BTreeSet<String>, name: &str, node: &Node) -> Result<(), ConfigError> {
+    check_name(name, node)?;
+    if seen.insert(name.to_owned()) { Ok(()) } else { Err(node.error_at("name", "this name is taken already")) }
+}
+
+fn read_sensors(node: &Node) -> Result<Vec<SensorEntry>, ConfigError> {
+    let mut seen = BTreeSet::new();
+    let mut sensors = Vec::new();
+    for entry in node.children("sensor")? {
+        let table: SensorTable = entry.parse()?;
+        check_unique(&mut seen, &table.name, &entry)?;
+        sensors.push(SensorEntry {
+            name: table.name.as_str().into(),
+            modality: table.modality,
+            schedule: entry.child("schedule").map(|n| n.parse()).transpose()?,
+            installed: entry.child_or_empty("installed"),
+            reality: entry.child_or_empty("reality"),
+            files: entry.child_or_empty("files"),
+            node: entry,
+        });
+    }
+    Ok(sensors)
+}
+
+fn read_tracks(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<TrackEntry>, ConfigError> {
+    let known: Vec<&str> = sensors.iter().map(|s| &*s.name).collect();
+    let mut seen = BTreeSet::new();
+    let mut tracks = Vec::new();
+    for entry in node.children("track")? {
+        let table: TrackTable = entry.parse()?;
+        check_unique(&mut seen, &table.name, &entry)?;
+        if table.sensors.is_empty() {
+            return Err(entry.error_at("sensors", "a track needs at least one sensor"));
+        }
+        for (i, name) in table.sensors.iter().enumerate() {
+            if !known.contains(&name.as_str()) {
+                let message = format!("no sensor `{name}`; the scenario has: {}", known.join(", "));
+                return Err(entry.error_at("sensors", &message));
+            }
+            if table.sensors[..i].contains(name) {
+                return Err(entry.error_at("sensors", &format!("sensor `{name}` is listed twice")));
+            }
+        }
+        let options = entry.child_or_empty("sensor");
+        if let Some(other) = options.keys().into_iter().find(|k| !table.sensors.contains(k)) {
+            let message = format!("this track does not use a sensor `{other}`; it uses: {}", table.sensors.join(", "));
+            return Err(options.error_at(&other, &message));
+        }
+        tracks.push(TrackEntry {
+            name: table.name.as_str().into(),
+            sensors: table.sensors.iter().map(|s| s.as_str().into()).collect(),
+            filter: entry.child_or_empty("filter"),
+            prior: entry.child("prior"),
+            options: table.sensors.iter().map(|s| options.child_or_empty(s)).collect(),
+            node: entry,
+        });
+    }
+    Ok(tracks)
+}
+
+fn read_faults(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<Fault>, ConfigError> {
+    let mut faults = Vec::new();
+    for entry in node.children("fault")? {
+        let fault: Fault = entry.parse()?;
+        let (sensor, start, end) = fault.place();
+        if !sensors.iter().any(|s| &*s.name == sensor) {
+            let known: Vec<&str> = sensors.iter().map(|s| &*s.name).collect();
+            let message = format!("no sensor `{sensor}`; the scenario has: {}", known.join(", "));
+            return Err(entry.error_at("sensor", &message));
+        }
+        if end <= start {
+            return Err(entry.error_at("end_s", &format!("the fault ends at {end} s, before it starts at {start} s")));
+        }
+        faults.push(fault);
+    }
+    Ok(faults)
+}

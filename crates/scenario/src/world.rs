@@ -1,0 +1,103 @@
+//! A world that can be stepped: truth now, a little of the past, notes on what happened, pictures.
+
+#![expect(clippy::disallowed_types, reason = "world side: the world is where truth comes from")]
+
+use crate::error::ScenarioError;
+use lumenav_core::{CapsuleTruth, Primitive, SimTime, TruthView};
+
+/// Something worth telling: a segment entered, the capsule stalled or left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorldNote {
+    /// When.
+    pub at: SimTime,
+    /// In words.
+    pub text: String,
+}
+
+/// A source of truth, engine or kinematic.
+pub trait World: Send {
+    /// Moves on so that truth is known up to `to`.
+    ///
+    /// # Errors
+    /// [`ScenarioError::Engine`] where the world breaks a law of its own (the capsule leaves the lumen).
+    fn advance_to(&mut self, to: SimTime) -> Result<(), ScenarioError>;
+
+    /// Truth over the held interval.
+    fn truth(&self) -> &dyn TruthView;
+
+    /// Nothing before this instant will be asked any more.
+    fn forget_before(&mut self, at: SimTime);
+
+    /// Notes since the last call.
+    fn take_notes(&mut self) -> Vec<WorldNote>;
+
+    /// What does not move: tract, body.
+    fn static_scene(&self, out: &mut Vec<Primitive>);
+
+    /// What moves besides the capsule: contractions of the wall.
+    fn moving_scene(&self, _out: &mut Vec<Primitive>) {}
+
+    /// Gravity in the world, m/s².
+    fn gravity_world_m_s2(&self) -> nalgebra::Vector3<f64>;
+}
+
+/// Samples of truth in time order, interpolated in between (constant twist).
+///
+/// Steps are a few milliseconds apart, so the interpolation error is below a micrometre for accelerations under 1 m/s².
+#[derive(Clone, Debug, Default)]
+pub struct TruthHistory {
+    samples: std::collections::VecDeque<CapsuleTruth>,
+}
+
+impl TruthHistory {
+    /// Adds the newest sample.
+    pub fn push(&mut self, truth: CapsuleTruth) {
+        self.samples.push_back(truth);
+    }
+
+    /// Drops what lies before `at`, but keeps the sample just before it.
+    pub fn forget_before(&mut self, at: SimTime) {
+        while self.samples.len() > 2 && self.samples[1].at <= at {
+            self.samples.pop_front();
+        }
+    }
+
+    /// The newest instant.
+    pub fn newest(&self) -> Option<SimTime> {
+        self.samples.back().map(|s| s.at)
+    }
+
+    /// Truth at an instant; the nearest end where it lies outside. `None` while empty.
+    pub fn at(&self, at: SimTime) -> Option<CapsuleTruth> {
+        let after = self.samples.partition_point(|s| s.at < at);
+        let Some(b) = self.samples.get(after) else { return self.samples.back().cloned() };
+        if b.at == at || after == 0 {
+            return Some(b.clone());
+        }
+        let a = &self.samples[after - 1];
+        let fraction = at.since_s(a.at) / b.at.since_s(a.at);
+        let mix = |x: &nalgebra::Vector3<f64>, y: &nalgebra::Vector3<f64>| x.lerp(y, fraction);
+        Some(CapsuleTruth {
+            at,
+            world_from_capsule: lumenav_core::pose::interpolate(
+                &a.world_from_capsule,
+                &b.world_from_capsule,
+                fraction,
+            ),
+            velocity_world_m_s: mix(&a.velocity_world_m_s, &b.velocity_world_m_s),
+            angular_rate_capsule_rad_s: mix(&a.angular_rate_capsule_rad_s, &b.angular_rate_capsule_rad_s),
+            specific_force_capsule_m_s2: mix(&a.specific_force_capsule_m_s2, &b.specific_force_capsule_m_s2),
+            arc_length_m: a.arc_length_m.zip(b.arc_length_m).map(|(x, y)| x + (y - x) * fraction),
+            segment: a.segment.clone(),
+            wall_force_n: a.wall_force_n + (b.wall_force_n - a.wall_force_n) * fraction,
+        })
+    }
+
+    /// The held interval; empty at 0 while there is no sample.
+    pub fn interval(&self) -> std::ops::Range<SimTime> {
+        match (self.samples.front(), self.samples.back()) {
+            (Some(a), Some(b)) => a.at..b.at,
+            _ => SimTime::ZERO..SimTime::ZERO,
+        }
+    }
+}
