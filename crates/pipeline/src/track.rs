@@ -95,8 +95,8 @@ impl Track {
     ) -> Result<Self, ConfigError> {
         let filter = match filter {
             FilterTable::None {} => {
-                if inputs.len() != 1 || inputs.iter().any(|i| i.front_end.is_none()) {
-                    let message = "a track without a filter has one sensor whose front end makes poses";
+                if inputs.iter().any(|i| i.front_end.is_none()) {
+                    let message = "without a filter every sensor needs a front end that makes poses";
                     return Err(node.error_at("sensors", message));
                 }
                 if let Some(prior) = prior {

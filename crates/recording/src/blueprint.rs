@@ -48,8 +48,6 @@ pub(crate) struct Layout {
     pub(crate) along_tract: bool,
     /// Whether there is a truth to compare with.
     pub(crate) has_truth: bool,
-    /// True while a live viewer is being fed.
-    pub(crate) live: bool,
 }
 
 impl Layout {
@@ -75,8 +73,9 @@ impl Layout {
             centre[axis] = 0.5 * (low[axis] + high[axis]);
             square += (high[axis] - low[axis]).powi(2);
         }
-        // The viewer's field of view is 55 degrees: at 1.15 diagonals the box's sphere fills most of the height.
-        let distance = 1.15 * square.sqrt().max(0.02);
+        // The viewer's field of view is 55 degrees: at 1.08 diagonals the box's sphere would touch the picture's edge, but
+        // what is in the box hardly ever reaches its corners.
+        let distance = 0.92 * square.sqrt().max(0.02);
         // Unit vector: before the patient (+y), towards the patient's left (-x), above (+z).
         let direction = [-0.36, 0.86, 0.36];
         let eye = [0, 1, 2].map(|axis| centre[axis] + distance * direction[axis]);
@@ -244,10 +243,10 @@ fn left_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Recordi
 /// Plots and events.
 fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, RecordingError> {
     let background = arch::PlotBackground::new().with_color(Color::from_u32(GROUND)).with_show_grid(true);
-    let legend = arch::PlotLegend::new().with_corner(comp::Corner2D::RightTop);
+    let legend = arch::PlotLegend::new().with_corner(comp::Corner2D::LeftTop);
     let axis = arch::TimeAxis::new().with_link(comp::LinkAxis::LinkToGlobal);
     let mut rows = Vec::new();
-    let mut plot = |writer: &mut Writer<'_>, name: &str, origin: &str, top: Option<f64>| {
+    let plot = |writer: &mut Writer<'_>, name: &str, origin: &str, top: Option<f64>| {
         let range = top.map(|top| {
             arch::ScalarAxis::new()
                 .with_range(rerun::external::re_sdk_types::datatypes::Range1D([0.0, top]))

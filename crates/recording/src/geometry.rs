@@ -4,9 +4,9 @@ use lumenav_core::{CapsuleBody, FixKind};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rerun::{AsComponents, SerializedComponentBatch};
 
-/// Square root of the 95 % quantile of chi-square with 3 degrees of freedom (7.814728): the 95 % region of a position is
+/// Square root of the 95 % quantile of chi-square with 3 degrees of freedom (7.814727903251178): the 95 % region of a position is
 /// the ellipsoid of this many standard deviations.
-const REGION_95_SIGMA: f64 = 2.795_483;
+const REGION_95_SIGMA: f64 = 2.795_483_482_915_108;
 
 /// A point in the viewer's precision.
 pub(crate) fn point_m(v: &Vector3<f64>) -> [f32; 3] {
@@ -105,7 +105,7 @@ mod tests {
             let mut sorted: Vec<f64> = half.iter().copied().collect();
             sorted.sort_by(f64::total_cmp);
             for (h, sigma) in sorted.iter().zip([1e-3, 2e-3, 3e-3]) {
-                assert!((h - sigma * 7.814_728_f64.sqrt()).abs() < 1e-9);
+                assert!((h - sigma * 7.814_727_903_251_178_f64.sqrt()).abs() < 1e-9);
             }
             // The axes with the half lengths give the covariance back: nothing was mirrored or swapped.
             let axes = rotation.to_rotation_matrix().into_inner();

@@ -6,11 +6,13 @@
 
 use crate::error::RecordingError;
 use rerun::external::re_build_info::CrateVersion;
-use rerun::external::re_log_encoding::{Encoder, EncodingOptions};
+use rerun::external::re_log_encoding::{
+    Decodable as _, Encodable as _, Encoder, EncodingOptions, RrdFooter, StreamFooter, ToTransport,
+};
 use rerun::log::LogMsg;
 use rerun::sink::{GrpcSink, LogSink as _};
-use std::fs::File;
-use std::io::BufWriter;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 use std::str::FromStr as _;
 use std::time::Duration;
@@ -51,15 +53,12 @@ impl Output {
             path: temporary.clone(),
             source,
         })?;
-        let mut encoder = Encoder::new_eager(
+        let encoder = Encoder::new_eager(
             CrateVersion::LOCAL,
             EncodingOptions::PROTOBUF_COMPRESSED,
             BufWriter::with_capacity(1 << 18, file),
         )
         .map_err(|e| RecordingError::Encode { target: path.display().to_string(), why: e.to_string() })?;
-        // The optional footer lists every chunk: it would grow in memory with the run, and the order of its two parts
-        // (recording, blueprint) is that of a hash map, different each time. `rerun rrd optimize` adds one where wanted.
-        encoder.do_not_emit_footer();
         Ok(Self::File(FileOutput { encoder: Some(encoder), temporary, target: path.to_owned() }))
     }
 
@@ -122,10 +121,46 @@ impl FileOutput {
         let Some(mut encoder) = self.encoder.take() else { return Ok(()) };
         encoder.finish().map_err(|e| self.encode_error(&e))?;
         let writer = encoder.into_inner().map_err(|e| self.encode_error(&e))?;
-        let file = writer.into_inner().map_err(|e| self.file_error("cannot write", e.into_error()))?;
+        drop(writer.into_inner().map_err(|e| self.file_error("cannot write", e.into_error()))?);
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(&self.temporary)
+            .map_err(|e| self.file_error("cannot write", e))?;
+        order_footer(&mut file).map_err(|e| self.encode_error(&e))?;
         file.sync_all().map_err(|e| self.file_error("cannot write", e))?;
         std::fs::rename(&self.temporary, &self.target).map_err(|e| self.file_error("cannot rename into", e))
     }
+}
+
+/// The transport form of the footer; the SDK does not export its name.
+type Footer = <RrdFooter as ToTransport>::Output;
+
+/// Puts the parts of the footer (one list of chunks for the recording, one for the blueprint) into a fixed order.
+///
+/// The encoder keeps them in a hash map, so that their order differs from run to run; the content is the same.
+fn order_footer(file: &mut File) -> Result<(), Box<dyn std::error::Error>> {
+    let size = StreamFooter::ENCODED_SIZE_BYTES;
+    let mut tail = vec![0; size];
+    file.seek(SeekFrom::End(-i64::try_from(size)?))?;
+    file.read_exact(&mut tail)?;
+    let stream_footer = StreamFooter::from_rrd_bytes(&tail)?;
+    let Some(entry) = stream_footer.entries.first() else { return Ok(()) };
+    let span = entry.rrd_footer_byte_span_from_start_excluding_header;
+    let mut payload = vec![0; usize::try_from(span.len)?];
+    file.seek(SeekFrom::Start(span.start))?;
+    file.read_exact(&mut payload)?;
+    let mut footer = Footer::from_rrd_bytes(&payload)?;
+    footer.manifests.sort_by_key(|manifest| format!("{:?}", manifest.store_id));
+    let mut ordered = Vec::with_capacity(payload.len() + size);
+    footer.to_rrd_bytes(&mut ordered)?;
+    if ordered.len() != payload.len() {
+        return Err("the footer changed its size when its parts were put in order".into());
+    }
+    StreamFooter::from_rrd_footer_bytes(span.start, &ordered.clone()).to_rrd_bytes(&mut ordered)?;
+    file.seek(SeekFrom::Start(span.start))?;
+    file.write_all(&ordered)?;
+    Ok(())
 }
 
 impl Drop for FileOutput {

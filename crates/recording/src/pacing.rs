@@ -16,8 +16,8 @@
 //! | scenes, readings, images | 10 MB | 30 MB |
 //!
 //! Bytes are counted before compression, so a file is smaller than the sum. In a replay `T` is unknown: `T = max(60 s, 2 t)`
-//! is used with a quarter of `B`, where `t` is the time so far: up to 8 h the sum then stays below
-//! `B/4 (1/2 + ln(8 h / 30 s) / 2) = 0.98 B`. With `full` nothing rests.
+//! is used with a fifth of `B`, where `t` is the time so far: up to 8 h the sum then stays near
+//! `B/5 (1/2 + ln(8 h / 30 s) / 2) = 0.8 B`. With `full` nothing rests.
 
 /// Poses and plots are kept at most this often.
 pub(crate) const SHORTEST_REST_S: f64 = 0.1;
@@ -62,7 +62,7 @@ impl Pace {
         let share = self.class_budget_bytes(class) / streams.max(1) as f64;
         let (length, share) = match self.duration_s {
             Some(duration) => (duration, share),
-            None => (f64::max(60.0, 2.0 * elapsed_s), share / 4.0),
+            None => (f64::max(60.0, 2.0 * elapsed_s), share / 5.0),
         };
         f64::max(SHORTEST_REST_S, row_bytes as f64 * length / share)
     }

@@ -19,6 +19,9 @@ use rerun::{AsComponents, Color, EntityPath, SerializedComponentBatch, StoreId};
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// A plot's line is not drawn over a longer gap between a track's rows than this, and ten times the usual distance.
+const GAP_NS: i64 = 1_000_000_000;
+
 /// What to keep.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RecorderOptions {
@@ -61,6 +64,10 @@ struct Drawn {
     trail: Trail,
     /// What its solid shows, once it is drawn.
     solid: Option<FixKind>,
+    /// Whether the style of its covariance is written.
+    region: bool,
+    /// Time of its last row.
+    last: Option<SimTime>,
 }
 
 /// An entity that a plugin draws.
@@ -129,7 +136,7 @@ impl Run {
             .enumerate()
             .map(|(i, t)| (t.name.clone(), Drawn::new(format!("world/tracks/{}", t.name), "pose", palette::track(i))))
             .collect();
-        let mut layout = Layout { has_truth: header.has_truth, live: output.is_live(), ..Layout::default() };
+        let mut layout = Layout { has_truth: header.has_truth, ..Layout::default() };
         layout.paths = tracks.values().map(|t| entity(&format!("{}/path", t.root)).to_string()).collect();
         layout.paths.push("/world/capsule/path".to_owned());
         let mut run = Self {
@@ -261,11 +268,24 @@ impl Run {
         if !drawn.gate.is_open(at_s) {
             return Ok(());
         }
+        if drawn.last.replace(estimate.at).is_some_and(|last| estimate.at - last > GAP_NS) {
+            self.break_lines(output, update.track, estimate.at)?;
+        }
+        let Some(drawn) = self.tracks.get_mut(update.track) else { return Ok(()) };
         let time = time_point(estimate.at, Some(update.update));
         let pose = &estimate.pose;
         let mut bytes = drawn.move_to(&mut self.store, output, &self.header, &time, &pose.world_from_capsule, pose.kind)?;
         bytes += drawn.walk(&mut self.store, output, estimate.at, &pose.world_from_capsule, self.pace.full)?;
         let centre = pose.world_from_capsule.translation.vector;
+        if !drawn.region {
+            drawn.region = true;
+            let path = entity(&format!("{}/covariance", drawn.root));
+            let style = rerun::Ellipsoids3D::update_fields()
+                .with_colors([Color::from_u32(palette::with_alpha(drawn.colour, 0xa0))])
+                .with_line_radii([rerun::Radius::new_ui_points(0.5)])
+                .with_fill_mode(rerun::FillMode::MajorWireframe);
+            self.store.log(output, &path, TimePoint::default(), &style)?;
+        }
         if let Some(region) = ellipsoid(&centre, &pose.covariance.fixed_view::<3, 3>(0, 0).into_owned()) {
             let path = entity(&format!("{}/covariance", drawn.root));
             let batches = region.as_serialized_batches();
@@ -276,6 +296,18 @@ impl Run {
         let rest = self.pace.rest_s(Class::Track, streams, bytes, at_s);
         if let Some(drawn) = self.tracks.get_mut(update.track) {
             drawn.gate.close(at_s, rest);
+        }
+        Ok(())
+    }
+
+    /// After a gap the plots' lines begin anew: nothing was known in between.
+    fn break_lines(&mut self, output: &mut Output, track: &Name, at: SimTime) -> Result<(), RecordingError> {
+        if !self.header.has_truth {
+            return Ok(());
+        }
+        let before = time_point(at - 1, None);
+        for plot in ["error", "nees"] {
+            self.plot(output, plot, track, &before, f64::NAN)?;
         }
         Ok(())
     }
@@ -396,7 +428,7 @@ impl Run {
 
 impl Drawn {
     fn new(root: String, pose: &'static str, colour: u32) -> Self {
-        Self { root, pose, colour, gate: Gate::new(), trail: Trail::default(), solid: None }
+        Self { root, pose, colour, gate: Gate::new(), trail: Trail::default(), solid: None, region: false, last: None }
     }
 
     /// Puts the solid at a pose; draws it first where that has not happened, or where more is known than before.
@@ -418,8 +450,9 @@ impl Drawn {
                 (palette::with_alpha(self.colour, 0x90), rerun::FillMode::TransparentFillMajorWireframe)
             };
             let mut batches: Vec<SerializedComponentBatch> = solid(&header.capsule, kind, rgba, mode);
-            if kind != FixKind::Position {
-                let length_m = 0.9 * header.capsule.length_m as f32;
+            if self.pose == "truth" {
+                // The axes of the estimates would only hide it.
+                let length_m = 0.75 * header.capsule.length_m as f32;
                 batches.extend(rerun::TransformAxes3D::new(length_m).as_serialized_batches());
             }
             store.log_batches(output, &path, TimePoint::default(), batches)?;
@@ -472,7 +505,7 @@ fn refusal(why: &Refusal) -> (&'static str, String) {
     match why {
         Refusal::Gate { chi_square, degrees_of_freedom, threshold, .. } => (
             "gate",
-            format!("chi-square {chi_square:.1} over {threshold:.1} at {degrees_of_freedom:.0} degrees of freedom"),
+            format!("chi² {chi_square:.0} > {threshold:.0} ({degrees_of_freedom:.0} dof)"),
         ),
         Refusal::TooLate { by_s } => ("too late", format!("{:.0} ms too late", 1e3 * by_s)),
         Refusal::FrontEnd { why } => ("front end", why.clone()),

@@ -178,7 +178,10 @@ impl Collector {
                 std::collections::btree_map::Entry::Vacant(place) => place.insert(NeesAccumulator::new(dof)?),
             };
             // Without a value the covariance was none: counted as such.
-            error.nees.map_or_else(|| nees.push_unusable(), |value| nees.push(value));
+            match error.nees {
+                Some(value) => nees.push(value),
+                None => nees.push_unusable(),
+            }
         }
         Ok(())
     }

@@ -334,11 +334,7 @@ pub fn build(table: &TruthTable, node: &Node, streams: &RandomStreams) -> Result
             Box::new(Line { from_m, to_m, speed_m_s: speed_mm_s.0 * 1e-3 })
         }
         TruthTable::Tum { file } => {
-            let path = node.folder_of("file").join(file);
-            if !path.is_file() {
-                return Err(node.error_at("file", &format!("{} does not exist", path.display())).into());
-            }
-            let poses = lumenav_records::tum::read(&path)?;
+            let poses = lumenav_records::tum::read(&node.existing_path("file", file)?)?;
             if poses.len() < 2 {
                 return Err(node.error_at("file", "a trajectory needs two poses at least").into());
             }

@@ -3,11 +3,14 @@
 //! [`file`] reads a scenario strictly. A [`World`] is stepped and asked for the truth: [`kinematic`] worlds
 //! follow a path, a recording or a motion model.
 
+mod build;
+pub mod engine;
 pub mod error;
 pub mod file;
 pub mod kinematic;
 pub mod world;
 
+pub use build::{BuiltWorld, build_world};
 pub use error::ScenarioError;
 pub use file::{Fault, RecordTable, ScenarioFile, SensorEntry, TrackEntry};
 pub use world::{TruthHistory, World, WorldNote};

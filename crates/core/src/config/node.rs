@@ -207,6 +207,29 @@ impl Node {
         if start > self.source.text.len() { Path::new("") } else { &self.source.folder }
     }
 
+    /// The path that `key` holds as `name`: relative to its file (or to the working folder for `--set`); a leading
+    /// `$LUMENAV_DATA/` stands for the folder of recorded data.
+    ///
+    /// # Errors
+    /// [`ConfigError`] at the key: the variable is not set, or nothing exists there.
+    pub fn existing_path(&self, key: &str, name: &str) -> Result<PathBuf, ConfigError> {
+        let path = match name.strip_prefix("$LUMENAV_DATA/") {
+            Some(rest) => match std::env::var_os("LUMENAV_DATA") {
+                Some(folder) => PathBuf::from(folder).join(rest),
+                None => {
+                    let message = "LUMENAV_DATA is not set; it names the folder of recorded data";
+                    return Err(self.error_at(key, message));
+                }
+            },
+            None => self.folder_of(key).join(name),
+        };
+        if path.exists() {
+            Ok(path)
+        } else {
+            Err(self.error_at(key, &format!("{} does not exist", path.display())))
+        }
+    }
+
     /// Path of keys to this node.
     pub fn path(&self) -> &str {
         &self.path

@@ -15,7 +15,7 @@ use lumenav_records::{BadRows, Table};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Arc;
 
 /// `[sensor.files]` of a replay.
@@ -28,6 +28,14 @@ pub struct FilesTable {
     pub poses_csv: Option<String>,
     /// Static background, subtracted from every reading.
     pub background_csv: Option<String>,
+    /// Apparent magnetisation of the test magnet per sensor (one row, A/m times `magnetization_unit_a_m`): a calibration of the
+    /// sensors' gains. A sensor that sees it 1 % too strong reads 1 % too much and is divided by 1.01.
+    pub magnetization_csv: Option<String>,
+    /// Unit of that file, A/m per number.
+    #[serde(default = "one")]
+    pub magnetization_unit_a_m: Positive,
+    /// Time that becomes 0, s; absent: the first row's.
+    pub time_zero_s: Option<Finite>,
     /// Unit of the background file and of the long layout's flux, T per number (1e-6 for microtesla).
     #[serde(default = "one")]
     pub flux_unit_tesla: Positive,
@@ -69,59 +77,127 @@ pub struct LongColumns {
 /// [`ModalityError`] with file, line and column.
 pub fn open(installed: &Installed, node: &Node, setup: &Setup) -> Result<ReadingStream, ModalityError> {
     let files: FilesTable = node.parse()?;
-    let path = |key: &str, name: &str| node.folder_of(key).join(name);
+    let path = |key: &str, name: &str| node.existing_path(key, name);
     let background = match &files.background_csv {
         Some(name) => read_background(
-            &path("background_csv", name),
+            &path("background_csv", name)?,
             installed.array.sensors.len(),
             files.flux_unit_tesla.0,
         )?,
         None => vec![0.0; installed.array.labels().len()],
     };
-    let table = Table::open(&path("flux_csv", &files.flux_csv))?;
+    let gains = match &files.magnetization_csv {
+        Some(name) => {
+            let unit = files.magnetization_unit_a_m.0;
+            read_gains(&path("magnetization_csv", name)?, installed, unit)?
+        }
+        None => vec![1.0; installed.array.sensors.len()],
+    };
+    let table = Table::open(&path("flux_csv", &files.flux_csv)?)?;
     let schema = flux_schema(installed.array.labels());
     match &files.columns {
         Some(columns) => {
-            let reader = LongReader::new(table, columns, &files, background, schema, setup.sensor.clone())?;
+            let reader = LongReader::new(table, columns, &files, Correction { background, gains }, schema, setup.sensor.clone())?;
             Ok(Box::new(reader))
         }
         None => {
             let poses = match &files.poses_csv {
-                Some(name) => Some(PoseTable::open(&path("poses_csv", name))?),
+                Some(name) => Some(PoseTable::open(&path("poses_csv", name)?)?),
                 None => None,
             };
             let labels = installed.array.labels();
-            Ok(Box::new(WideReader::new(table, &labels, poses, &files, background, schema, setup.sensor.clone())?))
+            Ok(Box::new(WideReader::new(
+                table,
+                &labels,
+                poses,
+                &files,
+                correction_per_channel(installed, background, &gains),
+                schema,
+                setup.sensor.clone(),
+            )?))
         }
     }
 }
 
-/// Three rows (x, y, z), one number per sensor; as one offset per channel, T.
-fn read_background(path: &PathBuf, sensors: usize, unit_tesla: f64) -> Result<Vec<f64>, ModalityError> {
+/// What is taken off a raw reading: `(raw - background) / gain`.
+struct Correction {
+    /// Per channel, T.
+    background: Vec<f64>,
+    /// Per sensor in the long layout, per channel in the wide one.
+    gains: Vec<f64>,
+}
+
+fn correction_per_channel(installed: &Installed, background: Vec<f64>, gains: &[f64]) -> Correction {
+    let channels = installed.array.channels(&Isometry3::identity());
+    Correction { background, gains: channels.channels.iter().map(|c| gains[c.sensor]).collect() }
+}
+
+/// One row of apparent magnetisations; as gains relative to the installed magnet.
+fn read_gains(path: &Path, installed: &Installed, unit_a_m: f64) -> Result<Vec<f64>, ModalityError> {
+    let file = path.display().to_string();
+    let row = read_numbers(path)?;
+    let refuse = |message: String| ModalityError::Row { file: file.clone(), line: 1, message };
+    let [(_, values)] = row.as_slice() else {
+        return Err(refuse(format!("{} rows of numbers; expected 1", row.len())));
+    };
+    let sensors = installed.array.sensors.len();
+    if values.len() != sensors {
+        return Err(refuse(format!("{} numbers, the array has {sensors} sensors", values.len())));
+    }
+    let remanence = installed.magnet.cylinder.remanence_tesla();
+    let gains: Vec<f64> = values.iter().map(|m| MU0 * m * unit_a_m / remanence).collect();
+    match gains.iter().find(|g| !(0.5..=2.0).contains(*g)) {
+        Some(gain) => Err(refuse(format!(
+            "a gain of {gain:.3} against the capsule's remanence of {remanence} T; 0.5 to 2 is allowed (check the unit)"
+        ))),
+        None => Ok(gains),
+    }
+}
+
+/// Vacuum permeability, T m/A.
+const MU0: f64 = 4.0e-7 * std::f64::consts::PI;
+
+/// Rows of comma-separated finite numbers with their line.
+fn read_numbers(path: &Path) -> Result<Vec<(u64, Vec<f64>)>, ModalityError> {
     let file = path.display().to_string();
     let mut text = String::new();
     std::io::Read::read_to_string(&mut lumenav_records::open(path)?, &mut text)
         .map_err(|source| ModalityError::File { file: file.clone(), source })?;
-    let mut offsets = vec![0.0; 3 * sensors];
-    let mut rows = 0;
+    let mut rows = Vec::new();
     for (index, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#')) {
-        let refuse = |message: String| ModalityError::Row { file: file.clone(), line: index as u64 + 1, message };
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        if rows >= 3 || cells.len() != sensors {
-            let message = format!("{} numbers in row {}; expected 3 rows of {sensors}", cells.len(), rows + 1);
-            return Err(refuse(message));
-        }
-        for (sensor, cell) in cells.iter().enumerate() {
-            let value: f64 = cell.parse().map_err(|_| refuse(format!("`{cell}` is not a number")))?;
-            if !value.is_finite() {
-                return Err(refuse(format!("`{cell}` is not finite")));
+        let line_number = index as u64 + 1;
+        let mut values = Vec::new();
+        for cell in line.split(',').map(str::trim) {
+            match cell.parse::<f64>() {
+                Ok(value) if value.is_finite() => values.push(value),
+                _ => {
+                    let message = format!("`{cell}` is not a finite number");
+                    return Err(ModalityError::Row { file, line: line_number, message });
+                }
             }
-            offsets[3 * sensor + rows] = value * unit_tesla;
         }
-        rows += 1;
+        rows.push((line_number, values));
     }
-    if rows != 3 {
-        return Err(ModalityError::Row { file, line: 1, message: format!("{rows} rows of numbers; expected 3") });
+    Ok(rows)
+}
+
+/// Three rows (x, y, z), one number per sensor; as one offset per channel, T.
+fn read_background(path: &Path, sensors: usize, unit_tesla: f64) -> Result<Vec<f64>, ModalityError> {
+    let file = path.display().to_string();
+    let rows = read_numbers(path)?;
+    if rows.len() != 3 {
+        let message = format!("{} rows of numbers; expected 3 (x, y, z)", rows.len());
+        return Err(ModalityError::Row { file, line: 1, message });
+    }
+    let mut offsets = vec![0.0; 3 * sensors];
+    for (axis, (line, values)) in rows.iter().enumerate() {
+        if values.len() != sensors {
+            let message = format!("{} numbers, the array has {sensors} sensors", values.len());
+            return Err(ModalityError::Row { file, line: *line, message });
+        }
+        for (sensor, value) in values.iter().enumerate() {
+            offsets[3 * sensor + axis] = value * unit_tesla;
+        }
     }
     Ok(offsets)
 }
@@ -133,7 +209,7 @@ struct WideReader {
     columns: Vec<usize>,
     poses: Option<PoseTable>,
     bad_rows: BadRows,
-    background: Vec<f64>,
+    correction: Correction,
     schema: Arc<Schema>,
     sensor: Name,
     sequence: u64,
@@ -147,7 +223,7 @@ impl WideReader {
         labels: &[String],
         poses: Option<PoseTable>,
         files: &FilesTable,
-        background: Vec<f64>,
+        correction: Correction,
         schema: Arc<Schema>,
         sensor: Name,
     ) -> Result<Self, ModalityError> {
@@ -159,7 +235,7 @@ impl WideReader {
             columns,
             poses,
             bad_rows: files.bad_rows,
-            background,
+            correction,
             schema,
             sensor,
             sequence: 0,
@@ -186,8 +262,8 @@ impl WideReader {
             Err(error) => return Some(Err(error)),
         };
         self.last_s = time;
-        for (value, offset) in values.iter_mut().zip(&self.background) {
-            *value -= offset;
+        for (k, value) in values.iter_mut().enumerate() {
+            *value = (*value - self.correction.background[k]) / self.correction.gains[k];
         }
         let known_poses = match self.poses.as_mut().map(|poses| poses.at(time)).transpose() {
             Ok(poses) => poses.unwrap_or_default(),
@@ -246,7 +322,7 @@ struct PoseTable {
 }
 
 impl PoseTable {
-    fn open(path: &std::path::Path) -> Result<Self, ModalityError> {
+    fn open(path: &Path) -> Result<Self, ModalityError> {
         let table = Table::open(path)?;
         let names = ["t_s", "sensor", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"];
         let mut columns = [0; 9];
@@ -313,7 +389,7 @@ struct LongReader {
     period_s: Option<f64>,
     origin_m: Vector3<f64>,
     unit_tesla: f64,
-    background: Vec<f64>,
+    correction: Correction,
     schema: Arc<Schema>,
     sensor: Name,
     sequence: u64,
@@ -336,7 +412,7 @@ impl LongReader {
         table: Table,
         columns: &LongColumns,
         files: &FilesTable,
-        background: Vec<f64>,
+        correction: Correction,
         schema: Arc<Schema>,
         sensor: Name,
     ) -> Result<Self, ModalityError> {
@@ -356,11 +432,11 @@ impl LongReader {
             period_s: columns.period_s.map(|v| v.0),
             origin_m: Vector3::from(columns.origin_mm.map(|v| v.0)) * 1e-3,
             unit_tesla: files.flux_unit_tesla.0,
-            background,
+            correction,
             schema,
             sensor,
             sequence: 0,
-            start_s: None,
+            start_s: files.time_zero_s.map(|v| v.0),
             ahead: None,
             done: false,
         })
@@ -388,7 +464,7 @@ impl LongReader {
 
     fn next_reading(&mut self) -> Result<Option<Reading>, ModalityError> {
         let Some(first) = self.next_row()? else { return Ok(None) };
-        let sensors = self.background.len() / 3;
+        let sensors = self.correction.gains.len();
         let (key, time_s, line) = (first.key.clone(), first.time_s, first.line);
         let mut rows = vec![first];
         while let Some(row) = self.next_row()? {
@@ -405,7 +481,8 @@ impl LongReader {
         let mut values = Vec::with_capacity(3 * sensors);
         let mut known_poses = BTreeMap::new();
         for (i, row) in rows.iter().enumerate() {
-            values.extend((0..3).map(|k| row.flux_tesla[k] - self.background[3 * i + k]));
+            let c = &self.correction;
+            values.extend((0..3).map(|k| (row.flux_tesla[k] - c.background[3 * i + k]) / c.gains[i]));
             known_poses.insert(format!("s{i}"), row.pose);
         }
         let time = match (time_s, self.period_s) {

@@ -71,8 +71,11 @@ pub fn tube(duration_s: f64) -> Primitive {
         let radius = 0.014 + 0.003 * (along * 60.0).sin();
         for side in 0..sides {
             let (sine, cosine) = (std::f64::consts::TAU * side as f64 / sides as f64).sin_cos();
-            let point = pose * nalgebra::Point3::new(0.0, radius * cosine, radius * sine);
-            vertices.push(point.coords.cast::<f32>().into());
+            // Radial and rising directions of the helix: a frame without twist.
+            let centre = pose.translation.vector;
+            let radial = Vector3::new(centre.x, centre.y, 0.0).normalize();
+            let point = centre + radial * (radius * cosine) + Vector3::z() * (radius * sine);
+            vertices.push(point.cast::<f32>().into());
             rgba.push(if along < 0.4 { 0xd98c8cff } else { 0x8cb3d9ff });
         }
     }
@@ -110,7 +113,7 @@ fn sensors(at: SimTime) -> Vec<Primitive> {
         let u = r.normalize();
         let field = (3.0 * u * u.dot(&moment) - moment) / r.norm().powi(3);
         origins.push(place.cast::<f32>().into());
-        vectors.push((field.normalize() * 0.02).cast::<f32>().into());
+        vectors.push((field.normalize() * 0.03).cast::<f32>().into());
     }
     vec![
         Primitive::Points {

@@ -1,0 +1,563 @@
+//! Motility: when, where and how strongly the wall contracts.
+//!
+//! A contraction is a travelling [`Wave`]: it starts at arc length `s_j` at time `t_j`, travels with the signed speed `v_j` for
+//! the time `T_j` and narrows the lumen by the fraction
+//!
+//! ```text
+//! a_j(x) G((s - s_j - v_j (t - t_j)) / w_j) E(x)        x = (t - t_j) / T_j
+//! G(u) = exp(-u²/2)    E(x) = S(x/ρ) S((1 - x)/ρ)    S(y) = 3 y² - 2 y³ on [0, 1]    ρ = 0.15
+//! ```
+//!
+//! `a_j` goes linearly from the first to the last amplitude. [`crate::lumen`] sums the waves to a radius.
+//!
+//! Waves are scheduled (`[[motility.wave]]`, also the swallow) or spontaneous. Spontaneous waves come from *cells*: a segment
+//! is cut into cells of the mean run of its waves, and each cell is a renewal process with dead time `r/f` and an exponential
+//! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`, never two within the
+//! refractory time. In the small bowel an event is kept with the probability that the migrating motor complex (MMC) gives
+//! its phase at that place and time; the phase travels aborally with the MMC front.
+//!
+//! The draws of event `n` of a cell come from the stream (cell's name, `n`) of [`RandomStreams`] alone. The waves are thus a
+//! pure function of seed and time: no step size, no order of asking and no pause changes them, and memory is constant.
+//!
+//! Neglected: coordination between neighbouring cells beyond the MMC, the pylorus as a gate, the circadian rhythm of the
+//! colon, and the three speeds along the oesophagus (one mean speed here).
+//!
+//! Numbers: [S] stated by a source, [B] believed. Sources: Kerlin and Phillips 1982 (small-bowel rates, MMC), Boiron et al.
+//! (antral wave speed), Rao et al. (colon), Humphries and Castell 1977 (oesophagus).
+
+use crate::error::AnatomyError;
+use crate::motility_config::{MotilityConfig, Rhythm};
+use crate::tract::Tract;
+use lumenav_core::RandomStreams;
+use rand::Rng as _;
+
+/// Part of a wave's duration that each smooth switch takes, ρ.
+const RAMP_FRACTION: f64 = 0.15;
+/// Runs that end at a segment's border sooner than this are not started, m.
+const SHORTEST_RUN_M: f64 = 1e-3;
+/// Cells of one rhythm: enough for 7 m of bowel in cells of 2 cm.
+const MOST_CELLS: usize = 400;
+
+/// One travelling contraction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wave {
+    /// When it starts, s.
+    pub start_time_s: f64,
+    /// Where its centre starts, arc length, m.
+    pub start_arc_length_m: f64,
+    /// Speed of its centre, m/s; positive is aboral.
+    pub speed_m_s: f64,
+    /// How long it lasts, s.
+    pub duration_s: f64,
+    /// Standard width w of its Gaussian, m.
+    pub width_m: f64,
+    /// Fraction of the radius it takes at its start and at its end.
+    pub amplitude: [f64; 2],
+    /// How far ahead of it haustra flatten, m; 0 for none.
+    pub flattens_ahead_m: f64,
+    /// Whether it is a haustral contraction, which relaxes where another wave flattens the haustra.
+    pub yields: bool,
+}
+
+/// A wave at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WaveInstant {
+    /// Arc length of the centre, m.
+    pub centre_m: f64,
+    /// Speed of the centre, m/s.
+    pub speed_m_s: f64,
+    /// 1/w, 1/m.
+    pub per_width_per_m: f64,
+    /// Fraction of the radius that it takes at its centre now.
+    pub weight: f64,
+    /// Rate of that fraction, 1/s.
+    pub weight_rate_per_s: f64,
+    /// The envelope E alone.
+    pub envelope: f64,
+    /// Its rate, 1/s.
+    pub envelope_rate_per_s: f64,
+    /// As [`Wave::flattens_ahead_m`].
+    pub flattens_ahead_m: f64,
+    /// As [`Wave::yields`].
+    pub yields: bool,
+}
+
+impl Wave {
+    /// When it is over, s.
+    pub fn end_time_s(&self) -> f64 {
+        self.start_time_s + self.duration_s
+    }
+
+    /// The wave at `time_s`; outside its time its weight is exactly zero.
+    pub fn at(&self, time_s: f64) -> WaveInstant {
+        let x = (time_s - self.start_time_s) / self.duration_s;
+        let (on, on_rate) = smooth_step(x / RAMP_FRACTION);
+        let (off, off_rate) = smooth_step((1.0 - x) / RAMP_FRACTION);
+        let (envelope, envelope_rate) = (on * off, (on_rate * off - on * off_rate) / RAMP_FRACTION);
+        let [first, last] = self.amplitude;
+        let amplitude = first + (last - first) * x;
+        WaveInstant {
+            centre_m: self.start_arc_length_m + self.speed_m_s * (time_s - self.start_time_s),
+            speed_m_s: self.speed_m_s,
+            per_width_per_m: 1.0 / self.width_m,
+            weight: amplitude * envelope,
+            weight_rate_per_s: ((last - first) * envelope + amplitude * envelope_rate) / self.duration_s,
+            envelope,
+            envelope_rate_per_s: envelope_rate / self.duration_s,
+            flattens_ahead_m: self.flattens_ahead_m,
+            yields: self.yields,
+        }
+    }
+}
+
+/// S(y) = 3y² - 2y³, clamped, and its derivative.
+pub(crate) fn smooth_step(y: f64) -> (f64, f64) {
+    if y <= 0.0 {
+        (0.0, 0.0)
+    } else if y >= 1.0 {
+        (1.0, 0.0)
+    } else {
+        (y * y * (3.0 - 2.0 * y), 6.0 * y * (1.0 - y))
+    }
+}
+
+/// The waves of a tract as time goes by.
+#[derive(Debug, Clone)]
+pub struct Motility {
+    streams: RandomStreams,
+    scheduled: Vec<Wave>,
+    next_scheduled: usize,
+    cells: Vec<Cell>,
+    initial_cells: Vec<Cell>,
+    cycle: MotorComplex,
+    amplitude_scale: f64,
+    taenia_relief: f64,
+    active: Vec<Wave>,
+    time_s: f64,
+    revision: u64,
+}
+
+/// The migrating motor complex: a phase in [0, 1) that travels aborally.
+#[derive(Debug, Clone, Copy)]
+struct MotorComplex {
+    period_s: f64,
+    start_phase: f64,
+    fractions: [f64; 3],
+    rate_factors: [f64; 3],
+}
+
+impl MotorComplex {
+    /// Rate factor at `time_s` where the front arrives `delay_s` late.
+    fn factor(&self, time_s: f64, delay_s: f64) -> f64 {
+        let phase = (self.start_phase + (time_s - delay_s) / self.period_s).rem_euclid(1.0);
+        if phase < self.fractions[0] {
+            self.rate_factors[0]
+        } else if phase < self.fractions[0] + self.fractions[1] {
+            self.rate_factors[1]
+        } else {
+            self.rate_factors[2]
+        }
+    }
+}
+
+/// A renewal process of contractions in one stretch of a segment.
+#[derive(Debug, Clone)]
+struct Cell {
+    name: String,
+    start_m: f64,
+    length_m: f64,
+    /// The centre of a wave stays in here, m.
+    limits_m: [f64; 2],
+    rate_hz: f64,
+    /// Delay of the MMC front, s; `None` where the MMC has no say.
+    front_delay_s: Option<f64>,
+    rhythm: Rhythm,
+    sequence: u64,
+    next_time_s: f64,
+}
+
+impl Cell {
+    /// Moves on to the next event and returns the wave of the present one, if it is kept.
+    fn fire(&mut self, streams: &RandomStreams, cycle: &MotorComplex) -> Option<Wave> {
+        let mut stream = streams.stream(&self.name, self.sequence);
+        // 53 bits make a uniform number in [0, 1), the usual way.
+        let mut uniform = || (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let [remainder, kept, place, direction, length] = std::array::from_fn(|_| uniform());
+        let (time_s, rhythm) = (self.next_time_s, self.rhythm);
+        let period_s = 1.0 / self.rate_hz;
+        self.sequence += 1;
+        self.next_time_s += period_s
+            * (rhythm.refractory_fraction - (1.0 - rhythm.refractory_fraction) * (1.0 - remainder).ln());
+        let factor = self.front_delay_s.map_or(1.0, |delay_s| cycle.factor(time_s, delay_s));
+        if kept >= factor {
+            return None;
+        }
+        let start_m = self.start_m + place * self.length_m;
+        let aboral = direction < rhythm.aboral_fraction;
+        let wanted_m = rhythm.run_m[0] + length * (rhythm.run_m[1] - rhythm.run_m[0]);
+        let free_m = if aboral { self.limits_m[1] - start_m } else { start_m - self.limits_m[0] };
+        let run_m = wanted_m.min(free_m);
+        (run_m >= SHORTEST_RUN_M).then(|| Wave {
+            start_time_s: time_s,
+            start_arc_length_m: start_m,
+            speed_m_s: if aboral { rhythm.speed_m_s } else { -rhythm.speed_m_s },
+            duration_s: run_m / rhythm.speed_m_s,
+            width_m: rhythm.width_m,
+            amplitude: rhythm.amplitude,
+            flattens_ahead_m: rhythm.flattens_ahead_m,
+            yields: rhythm.yields,
+        })
+    }
+}
+
+impl Motility {
+    /// The motility of `tract` as configured; all randomness from `streams`.
+    ///
+    /// # Errors
+    /// [`AnatomyError`]: a wave in no segment of the tract, or with values outside their range.
+    pub fn new(
+        config: &MotilityConfig,
+        tract: &Tract,
+        streams: &RandomStreams,
+    ) -> Result<Self, AnatomyError> {
+        let mut scheduled = Vec::with_capacity(config.wave.len());
+        for wave in &config.wave {
+            scheduled.push(wave.resolve(tract)?);
+        }
+        scheduled.extend(config.oesophagus.swallow(tract));
+        scheduled.sort_by(|a, b| a.start_time_s.total_cmp(&b.start_time_s));
+        let start_phase = config.mmc.start_phase.map_or_else(
+            || (streams.stream("mmc", 0).next_u64() >> 11) as f64 / (1_u64 << 53) as f64,
+            |phase| phase.0,
+        );
+        let cycle = MotorComplex {
+            period_s: config.mmc.period_s.0,
+            start_phase,
+            fractions: config.mmc.fractions.map(|f| f.0),
+            rate_factors: config.mmc.rate_factor.map(|f| f.0),
+        };
+        let mut cells = Vec::new();
+        if config.spontaneous && config.amplitude_scale.0 > 0.0 {
+            for site in config.sites(tract) {
+                site_cells(&site, streams, &mut cells);
+            }
+        }
+        let mut motility = Self {
+            streams: streams.clone(),
+            scheduled,
+            next_scheduled: 0,
+            initial_cells: cells.clone(),
+            cells,
+            cycle,
+            amplitude_scale: config.amplitude_scale.0,
+            taenia_relief: config.taenia_relief.0,
+            active: Vec::with_capacity(256),
+            time_s: 0.0,
+            revision: 0,
+        };
+        motility.advance_to(0.0);
+        Ok(motility)
+    }
+
+    /// Moves on to `time_s`. Earlier than before starts again from the beginning (for a resumed run).
+    pub fn advance_to(&mut self, time_s: f64) {
+        if time_s < self.time_s {
+            self.cells.clone_from(&self.initial_cells);
+            self.next_scheduled = 0;
+            self.active.clear();
+            self.revision += 1;
+        }
+        self.time_s = time_s;
+        while let Some(source) = self.earliest(time_s) {
+            let wave = match source {
+                Source::Schedule => {
+                    self.next_scheduled += 1;
+                    self.scheduled.get(self.next_scheduled - 1).copied()
+                }
+                Source::Cell(index) => self.cells[index].fire(&self.streams, &self.cycle),
+            };
+            // Without amplitude there is no wave: the tube is exactly the resting one.
+            if let Some(mut wave) = wave.filter(|_| self.amplitude_scale > 0.0) {
+                if self.active.len() >= 192 {
+                    let start_s = wave.start_time_s;
+                    self.active.retain(|old| old.end_time_s() > start_s);
+                }
+                wave.amplitude = wave.amplitude.map(|a| a * self.amplitude_scale);
+                self.active.push(wave);
+                self.revision += 1;
+            }
+        }
+        if self.active.iter().any(|wave| wave.end_time_s() <= time_s) {
+            self.active.retain(|wave| wave.end_time_s() > time_s);
+            self.revision += 1;
+        }
+    }
+
+    /// The source of the earliest event that starts at or before `time_s`; schedule first, then cells in order.
+    fn earliest(&self, time_s: f64) -> Option<Source> {
+        let mut best = time_s;
+        let mut source = None;
+        if let Some(wave) = self.scheduled.get(self.next_scheduled).filter(|wave| wave.start_time_s <= best) {
+            best = wave.start_time_s;
+            source = Some(Source::Schedule);
+        }
+        for (index, cell) in self.cells.iter().enumerate() {
+            if cell.next_time_s < best || (source.is_none() && cell.next_time_s <= best) {
+                best = cell.next_time_s;
+                source = Some(Source::Cell(index));
+            }
+        }
+        source
+    }
+
+    /// The waves that run now, in the order in which they started.
+    pub fn active(&self) -> &[Wave] {
+        &self.active
+    }
+
+    /// A number that changes whenever [`Motility::active`] does.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Relief of the colon's folds at the taeniae, 0 to 1.
+    pub fn taenia_relief(&self) -> f64 {
+        self.taenia_relief
+    }
+
+    /// What the waves follow from, as text: equal for motilities that will always agree.
+    pub fn fingerprint_text(&self) -> String {
+        format!("{:?}{:?}{:?}{}", self.streams, self.scheduled, self.cycle, self.initial_cells.len())
+    }
+
+    /// The time it stands at, s.
+    pub fn time_s(&self) -> f64 {
+        self.time_s
+    }
+}
+
+/// Where the next event comes from.
+enum Source {
+    Schedule,
+    Cell(usize),
+}
+
+/// A rhythm and the stretch of the tract that has it.
+#[derive(Debug, Clone)]
+pub(crate) struct Site {
+    /// Name of its random streams.
+    pub(crate) name: String,
+    /// The stretch, m.
+    pub(crate) span_m: [f64; 2],
+    /// Where waves may run, m.
+    pub(crate) limits_m: [f64; 2],
+    /// What happens there.
+    pub(crate) rhythm: Rhythm,
+    /// Delay of the MMC front at both ends of the stretch, s.
+    pub(crate) front_delay_s: Option<[f64; 2]>,
+    /// The whole stretch is one cell (events that seize the organ), or cells of the mean run.
+    pub(crate) whole: bool,
+}
+
+fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
+    let length_m = site.span_m[1] - site.span_m[0];
+    let mean_run_m = 0.5 * (site.rhythm.run_m[0] + site.rhythm.run_m[1]);
+    let wanted = if site.whole { 1 } else { (length_m / mean_run_m).round() as usize };
+    let count = wanted.clamp(1, MOST_CELLS);
+    for index in 0..count {
+        let middle = (index as f64 + 0.5) / count as f64;
+        let between = |ends: [f64; 2]| ends[0] + middle * (ends[1] - ends[0]);
+        let rate_hz = between(site.rhythm.rate_hz);
+        if rate_hz <= 0.0 {
+            continue;
+        }
+        let name = format!("{}/{index}", site.name);
+        // The first event of a stationary renewal process is anywhere in the mean interval.
+        let first =
+            (streams.stream(&format!("{name}/first"), 0).next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        cells.push(Cell {
+            name,
+            start_m: site.span_m[0] + length_m * index as f64 / count as f64,
+            length_m: length_m / count as f64,
+            limits_m: site.limits_m,
+            rate_hz,
+            front_delay_s: site.front_delay_s.map(between),
+            rhythm: site.rhythm,
+            sequence: 0,
+            next_time_s: first / rate_hz,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generator::{ColonRequest, colon};
+    use crate::motility_config::WaveConfig;
+    use crate::segment::SegmentKey;
+    use crate::tract::{End, SegmentPoints, TractDraft};
+    use lumenav_core::Node;
+    use lumenav_core::config::quantity::Fraction;
+    use nalgebra::Point3;
+    use std::path::Path;
+
+    fn jejunum() -> Tract {
+        let key = SegmentKey::Jejunum;
+        let points_m: Vec<_> = (0..=10).map(|i| Point3::new(0.0, 0.0, 0.1 * f64::from(i))).collect();
+        let radii_m = vec![0.0075; points_m.len()];
+        let segment =
+            SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() };
+        let (segments, ends) = (vec![segment], (End::Closed, End::Exit));
+        let draft = TractDraft {
+            name: "t".into(),
+            segments,
+            ends,
+            torso_half_extents_m: None,
+            source: String::new(),
+        };
+        draft.build().unwrap().0
+    }
+
+    fn streams(seed: u64) -> RandomStreams {
+        RandomStreams::new(seed, 0, "motility")
+    }
+
+    fn parse(text: &str) -> Result<MotilityConfig, lumenav_core::ConfigError> {
+        Node::parse_text(text, "scenario.toml", Path::new(""), &[])?.child_or_empty("motility").parse()
+    }
+
+    /// All waves that start until `end_s`.
+    fn waves(mut motility: Motility, end_s: f64, step_s: f64) -> Vec<Wave> {
+        let mut all: Vec<Wave> = Vec::new();
+        let mut time_s = 0.0;
+        while time_s < end_s {
+            time_s += step_s;
+            motility.advance_to(time_s);
+            let last_s = all.last().map_or(f64::NEG_INFINITY, |wave| wave.start_time_s);
+            all.extend(motility.active().iter().filter(|wave| wave.start_time_s > last_s));
+        }
+        all
+    }
+
+    #[test]
+    fn law_waves_do_not_depend_on_the_step() {
+        let tract = colon(&ColonRequest::default(), &streams(1)).unwrap().tract;
+        let make = || Motility::new(&MotilityConfig::default(), &tract, &streams(3)).unwrap();
+        let (fine, coarse) = (waves(make(), 300.0, 0.125), waves(make(), 300.0, 0.375));
+        assert!(fine.len() > 100);
+        assert!(fine == coarse, "{} and {} waves", fine.len(), coarse.len());
+        let (mut once, mut back) = (make(), make());
+        once.advance_to(200.0);
+        back.advance_to(900.0);
+        back.advance_to(200.0);
+        assert_eq!(once.active(), back.active());
+        let other = Motility::new(&MotilityConfig::default(), &tract, &streams(4)).unwrap();
+        assert!(waves(other, 300.0, 0.375) != coarse, "another seed gives the same waves");
+    }
+
+    #[test]
+    fn published_rate_of_phase_three_at_one_place() {
+        // 12.5 falling to 10.5 contractions per minute in the jejunum (Kerlin and Phillips 1982), phase III all the time here.
+        let mut config = MotilityConfig::default();
+        config.mmc.rate_factor = [Fraction(1.0); 3];
+        let tract = jejunum();
+        let duration_s = 3600.0;
+        let all = waves(Motility::new(&config, &tract, &streams(1)).unwrap(), duration_s, 0.2);
+        for (place_m, per_minute) in [(0.3, 11.9), (0.7, 11.1)] {
+            let passes = all
+                .iter()
+                .filter(|wave| {
+                    let end_m = wave.start_arc_length_m + wave.speed_m_s * wave.duration_s;
+                    (wave.start_arc_length_m - place_m) * (end_m - place_m) < 0.0
+                })
+                .count();
+            let rate = passes as f64 / duration_s * 60.0;
+            // 700 events whose places and runs are drawn: 5 % is four standard errors of a renewal process with dead time 0.6.
+            assert!((rate / per_minute - 1.0).abs() < 0.08, "{rate} per minute at {place_m} m");
+        }
+        let aboral = all.iter().filter(|wave| wave.speed_m_s > 0.0).count() as f64 / all.len() as f64;
+        assert!((aboral - 0.85).abs() < 0.02, "{aboral} aboral");
+    }
+
+    #[test]
+    fn published_phase_one_is_quiet() {
+        // No contractions in phase I (Ahluwalia 1994).
+        let mut config = MotilityConfig::default();
+        config.mmc.start_phase = Some(Fraction(0.25));
+        let motility = Motility::new(&config, &jejunum(), &streams(1)).unwrap();
+        assert!(waves(motility, 300.0, 1.0).is_empty());
+    }
+
+    #[test]
+    fn law_no_two_events_of_a_cell_within_the_refractory_time() {
+        let tract = jejunum();
+        let mut motility = Motility::new(&MotilityConfig::default(), &tract, &streams(9)).unwrap();
+        let cell = &mut motility.cells[0];
+        let mut last_s = cell.next_time_s;
+        let mut sum_s = 0.0;
+        let n = 4000;
+        for _ in 0..n {
+            cell.fire(&motility.streams, &motility.cycle);
+            let interval_s = cell.next_time_s - last_s;
+            assert!(interval_s >= 0.6 / cell.rate_hz - 1e-9);
+            sum_s += interval_s;
+            last_s = cell.next_time_s;
+        }
+        // Standard error of the mean interval: 0.4/sqrt(n).
+        assert!((sum_s / f64::from(n) * cell.rate_hz - 1.0).abs() < 4.0 * 0.4 / f64::from(n).sqrt());
+    }
+
+    #[test]
+    fn law_memory_does_not_grow() {
+        let tract = colon(&ColonRequest::default(), &streams(1)).unwrap().tract;
+        let mut motility = Motility::new(&MotilityConfig::default(), &tract, &streams(3)).unwrap();
+        motility.advance_to(8.0 * 3600.0);
+        assert!(motility.active.capacity() <= 512, "{}", motility.active.capacity());
+        assert!(motility.active().iter().all(|wave| wave.end_time_s() > 8.0 * 3600.0));
+    }
+
+    #[test]
+    fn law_a_scheduled_wave_is_what_the_file_says() {
+        let config = parse(
+            "[motility]\nspontaneous = false\n[[motility.wave]]\nstart_time_s = 5\nsegment = \"transverse\"\nstart_m = 0.02\n\
+             speed_m_s = -0.01\nrun_m = 0.2\nwidth_m = 0.02\namplitude = 0.5\n",
+        )
+        .unwrap();
+        let tract = colon(&ColonRequest::default(), &streams(1)).unwrap().tract;
+        let mut motility = Motility::new(&config, &tract, &streams(1)).unwrap();
+        motility.advance_to(6.0);
+        let [wave] = motility.active() else { panic!("{:?}", motility.active()) };
+        let start_m = tract.segment(SegmentKey::Transverse).unwrap().start_m + 0.02;
+        assert!((wave.start_arc_length_m - start_m).abs() < 1e-12);
+        assert!((wave.duration_s - 20.0).abs() < 1e-12 && wave.speed_m_s == -0.01);
+        assert!((wave.at(15.0).centre_m - (start_m - 0.1)).abs() < 1e-12);
+        assert!((wave.at(15.0).weight - 0.5).abs() < 1e-12);
+        motility.advance_to(25.1);
+        assert!(motility.active().is_empty());
+    }
+
+    #[test]
+    fn law_mistakes_in_the_file_are_refused() {
+        for (text, said) in [
+            ("[motility]\namplitude_scale = 2", "amplitude_scale"),
+            ("[motility]\nwaves = []", "waves"),
+            ("[motility.colon]\nhaustral_rate = 1", "haustral_rate"),
+            ("[motility.jejunum]\nspeed_m_s = 0", "speed_m_s"),
+            ("[[motility.wave]]\nstart_time_s = -1", "start_time_s"),
+        ] {
+            let error = parse(text).unwrap_err().to_string();
+            assert!(error.contains(said) && error.contains("scenario.toml:2"), "{error}");
+        }
+        let tract = jejunum();
+        let refuse = |change: fn(&mut WaveConfig)| {
+            let mut config = parse("[[motility.wave]]\nstart_time_s = 1").unwrap();
+            change(&mut config.wave[0]);
+            Motility::new(&config, &tract, &streams(1)).unwrap_err()
+        };
+        let missing = refuse(|wave| wave.segment = Some(SegmentKey::Caecum));
+        assert!(matches!(missing, AnatomyError::NoSuchSegment { .. }));
+        assert!(matches!(refuse(|wave| wave.start_m.0 = 3.0), AnatomyError::OutOfRange { .. }));
+        assert!(matches!(refuse(|wave| wave.amplitude.0 = 1.0), AnatomyError::OutOfRange { .. }));
+        assert!(matches!(refuse(|wave| wave.speed_m_s.0 = 0.0), AnatomyError::NotPositive { .. }));
+    }
+}

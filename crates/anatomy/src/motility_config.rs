@@ -1,0 +1,536 @@
+//! The `[motility]` table of a scenario: every number with a default and its source.
+//!
+//! [S] stated by a source, [B] believed, [T] tuned here (to what stands beside it). Rates are what one place sees.
+
+use crate::error::AnatomyError;
+use crate::motility::{Site, Wave};
+use crate::segment::SegmentKey;
+use crate::tract::Tract;
+use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
+use serde::{Deserialize, Serialize};
+
+/// Largest amplitude of one wave: the radius law closes the lumen by 98 % at most.
+const LARGEST_AMPLITUDE: f64 = 0.98;
+
+/// `[motility]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MotilityConfig {
+    /// Factor on every amplitude, 0 to 1; 0 is a resting bowel. Default 1.
+    pub amplitude_scale: Fraction,
+    /// Whether segments contract by themselves; `false` leaves the scheduled waves alone. Default true.
+    pub spontaneous: bool,
+    /// Relief of the colon's folds at the three taeniae, 0 (rings, default: the published law has no angle) to 1.
+    pub taenia_relief: Fraction,
+    /// Scheduled waves, `[[motility.wave]]`.
+    pub wave: Vec<WaveConfig>,
+    /// The migrating motor complex of the small bowel.
+    pub mmc: MmcConfig,
+    /// The bolus wave of a swallow.
+    pub oesophagus: OesophagusConfig,
+    /// Antral waves.
+    pub stomach: StomachConfig,
+    /// Contractions of the duodenum.
+    pub duodenum: DuodenumConfig,
+    /// Contractions of the jejunum.
+    pub jejunum: JejunumConfig,
+    /// Contractions of the ileum.
+    pub ileum: IleumConfig,
+    /// Contractions of the terminal ileum.
+    pub terminal_ileum: TerminalIleumConfig,
+    /// Haustral contractions, mass movements and the retrograde pattern of the colon.
+    pub colon: ColonConfig,
+}
+
+impl Default for MotilityConfig {
+    fn default() -> Self {
+        Self {
+            amplitude_scale: Fraction(1.0),
+            spontaneous: true,
+            taenia_relief: Fraction(0.0),
+            wave: Vec::new(),
+            mmc: MmcConfig::default(),
+            oesophagus: OesophagusConfig::default(),
+            stomach: StomachConfig::default(),
+            duodenum: DuodenumConfig::default(),
+            jejunum: JejunumConfig::default(),
+            ileum: IleumConfig::default(),
+            terminal_ileum: TerminalIleumConfig::default(),
+            colon: ColonConfig::default(),
+        }
+    }
+}
+
+/// `[[motility.wave]]`: one contraction at a given time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WaveConfig {
+    /// When it starts, s.
+    pub start_time_s: NonNegative,
+    /// The segment from whose oral end `start_m` counts; the tract's start where it is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment: Option<SegmentKey>,
+    /// Where its centre starts, m. Default 0.
+    #[serde(default = "zero")]
+    pub start_m: Finite,
+    /// Speed of its centre, m/s, positive aboral. Default 0.022, a propulsive sequence of the colon [S].
+    #[serde(default = "mass_speed")]
+    pub speed_m_s: Finite,
+    /// How far it runs, m. Default 0.41, a propulsive sequence of the colon [S]. A standing wave takes `duration_s` instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run_m: Option<Positive>,
+    /// How long it lasts, s, where `run_m` is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub duration_s: Option<Positive>,
+    /// Standard width of the Gaussian, m. Default 0.03, that of a mass movement [T].
+    #[serde(default = "mass_width")]
+    pub width_m: Positive,
+    /// Fraction of the radius at its centre, at most 0.98. Default 0.9, a mass movement [B].
+    #[serde(default = "mass_amplitude")]
+    pub amplitude: Fraction,
+    /// How far ahead of it the haustra of the colon flatten, m. Default 0.2, as before a mass movement [B].
+    #[serde(default = "mass_flattening")]
+    pub flattens_ahead_m: NonNegative,
+}
+
+fn zero() -> Finite {
+    Finite(0.0)
+}
+
+fn mass_speed() -> Finite {
+    Finite(ColonConfig::default().mass_speed_m_s.0)
+}
+
+fn mass_width() -> Positive {
+    ColonConfig::default().mass_width_m
+}
+
+fn mass_amplitude() -> Fraction {
+    ColonConfig::default().mass_amplitude
+}
+
+fn mass_flattening() -> NonNegative {
+    ColonConfig::default().mass_flattens_ahead_m
+}
+
+impl WaveConfig {
+    /// The wave along `tract`.
+    pub(crate) fn resolve(&self, tract: &Tract) -> Result<Wave, AnatomyError> {
+        let origin_m = match self.segment {
+            None => 0.0,
+            Some(key) => {
+                span_of(tract, &[key]).map(|span| span[0]).ok_or_else(|| AnatomyError::NoSuchSegment {
+                    asked: key.to_string(),
+                    available: tract.segments.iter().map(|segment| segment.key).collect(),
+                })?
+            }
+        };
+        let start_arc_length_m = origin_m + self.start_m.0;
+        in_range("start_m", start_arc_length_m, 0.0, tract.length_m())?;
+        in_range("amplitude", self.amplitude.0, 0.0, LARGEST_AMPLITUDE)?;
+        let speed_m_s = self.speed_m_s.0;
+        let duration_s = match (self.duration_s, self.run_m) {
+            (Some(duration), None) => duration.0,
+            (None, run) => {
+                let run_m = run.map_or(ColonConfig::default().mass_run_m.0, |run| run.0);
+                positive("speed_m_s (without duration_s, its size)", speed_m_s.abs())?;
+                run_m / speed_m_s.abs()
+            }
+            (Some(_), Some(run)) => {
+                // Both given: the run has to be zero, which it is not; say which one to leave.
+                return Err(AnatomyError::OutOfRange {
+                    name: "run_m (beside duration_s: give one of the two)",
+                    value: run.0,
+                    low: 0.0,
+                    high: 0.0,
+                });
+            }
+        };
+        Ok(Wave {
+            start_time_s: self.start_time_s.0,
+            start_arc_length_m,
+            speed_m_s,
+            duration_s,
+            width_m: self.width_m.0,
+            amplitude: [self.amplitude.0; 2],
+            flattens_ahead_m: self.flattens_ahead_m.0,
+            yields: false,
+        })
+    }
+}
+
+fn in_range(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), AnatomyError> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(AnatomyError::OutOfRange { name, value, low, high })
+    }
+}
+
+fn positive(name: &'static str, value: f64) -> Result<(), AnatomyError> {
+    if value > 0.0 { Ok(()) } else { Err(AnatomyError::NotPositive { name, value }) }
+}
+
+/// `[motility.mmc]`: the migrating motor complex.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MmcConfig {
+    /// Period, s. Default 5820 (97 min; 15 to 195 min across people) [S].
+    pub period_s: Positive,
+    /// Phase at t = 0 at the start of the small bowel, 0 to 1; drawn from the seed where it is not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start_phase: Option<Fraction>,
+    /// Parts of the period in phases I, II and III. Default 0.55, 0.38, 0.07 [B: I 50 to 60 %, II 30 to 40 %, III 5 to 10 min].
+    pub fractions: [Fraction; 3],
+    /// Part of the full rate in phases I, II and III. Default 0 [S: no contractions in phase I], 0.2 [S: 2.5 per minute], 1.
+    pub rate_factor: [Fraction; 3],
+}
+
+impl Default for MmcConfig {
+    fn default() -> Self {
+        Self {
+            period_s: Positive(5820.0),
+            start_phase: None,
+            fractions: [Fraction(0.55), Fraction(0.38), Fraction(0.07)],
+            rate_factor: [Fraction(0.0), Fraction(0.2), Fraction(1.0)],
+        }
+    }
+}
+
+/// `[motility.oesophagus]`: the bolus wave that follows the swallow of the capsule.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OesophagusConfig {
+    /// When the capsule is swallowed, s. Default 0.
+    pub swallow_time_s: NonNegative,
+    /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) [S].
+    pub speed_m_s: Positive,
+    /// Amplitude. Default 0.95 [B].
+    pub amplitude: Fraction,
+    /// Width, m. Default 0.018 [B].
+    pub width_m: Positive,
+}
+
+impl Default for OesophagusConfig {
+    fn default() -> Self {
+        Self {
+            swallow_time_s: NonNegative(0.0),
+            speed_m_s: Positive(0.031),
+            amplitude: Fraction(0.95),
+            width_m: Positive(0.018),
+        }
+    }
+}
+
+impl OesophagusConfig {
+    /// The wave of the swallow, `None` where the tract has no oesophagus.
+    pub(crate) fn swallow(&self, tract: &Tract) -> Option<Wave> {
+        let [start_m, end_m] = span_of(tract, &[SegmentKey::Oesophagus])?;
+        // It starts one width behind the mouth's end, so that the capsule lies on its front.
+        let run_m = end_m - start_m + self.width_m.0;
+        Some(Wave {
+            start_time_s: self.swallow_time_s.0,
+            start_arc_length_m: start_m - self.width_m.0,
+            speed_m_s: self.speed_m_s.0,
+            duration_s: run_m / self.speed_m_s.0,
+            width_m: self.width_m.0,
+            amplitude: [self.amplitude.0.min(LARGEST_AMPLITUDE); 2],
+            flattens_ahead_m: 0.0,
+            yields: false,
+        })
+    }
+}
+
+/// Contractions that recur at every place of a stretch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Rhythm {
+    pub(crate) rate_hz: [f64; 2],
+    pub(crate) speed_m_s: f64,
+    pub(crate) amplitude: [f64; 2],
+    pub(crate) width_m: f64,
+    pub(crate) run_m: [f64; 2],
+    pub(crate) aboral_fraction: f64,
+    pub(crate) refractory_fraction: f64,
+    pub(crate) flattens_ahead_m: f64,
+    pub(crate) yields: bool,
+}
+
+macro_rules! rhythm_table {
+    ($(#[$doc:meta])* $name:ident, rate $rate:expr, $rate_doc:literal; speed $speed:expr, $speed_doc:literal;
+     amplitude $amplitude:expr, $amplitude_doc:literal; width $width:expr; run $run:expr; aboral $aboral:expr;
+     refractory $refractory:expr) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct $name {
+            #[doc = $rate_doc]
+            pub rate_hz: [NonNegative; 2],
+            #[doc = $speed_doc]
+            pub speed_m_s: Positive,
+            #[doc = $amplitude_doc]
+            pub amplitude: [Fraction; 2],
+            #[doc = concat!("Width of the Gaussian, m. Default ", stringify!($width), " [B].")]
+            pub width_m: Positive,
+            #[doc = concat!("Shortest and longest run, m. Default ", stringify!($run), " [B].")]
+            pub run_m: [Positive; 2],
+            #[doc = concat!("Part of the waves that travel aborally. Default ", stringify!($aboral), " [B].")]
+            pub aboral_fraction: Fraction,
+            #[doc = concat!("Dead time as a part of the mean interval. Default ", stringify!($refractory), " [B: slow waves pace it].")]
+            pub refractory_fraction: Fraction,
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self {
+                    rate_hz: $rate.map(NonNegative),
+                    speed_m_s: Positive($speed),
+                    amplitude: $amplitude.map(Fraction),
+                    width_m: Positive($width),
+                    run_m: $run.map(Positive),
+                    aboral_fraction: Fraction($aboral),
+                    refractory_fraction: Fraction($refractory),
+                }
+            }
+        }
+
+        impl $name {
+            fn rhythm(&self) -> Rhythm {
+                Rhythm {
+                    rate_hz: self.rate_hz.map(|rate| rate.0),
+                    speed_m_s: self.speed_m_s.0,
+                    amplitude: self.amplitude.map(|a| a.0.min(LARGEST_AMPLITUDE)),
+                    width_m: self.width_m.0,
+                    run_m: self.run_m.map(|run| run.0),
+                    aboral_fraction: self.aboral_fraction.0,
+                    refractory_fraction: self.refractory_fraction.0,
+                    flattens_ahead_m: 0.0,
+                    yields: false,
+                }
+            }
+        }
+    };
+}
+
+rhythm_table!(
+    /// `[motility.stomach]`: antral waves, which grow on their way to the pylorus.
+    StomachConfig,
+    rate [0.0517, 0.0517], "Rate at the oral and the aboral end, 1/s. Default 0.0517: 3.1 per minute [S].";
+    speed 0.0024, "Speed, m/s. Default 0.0024 (0 to 0.014) [S].";
+    amplitude [0.25, 0.75], "Amplitude at start and end of a run. Default 0.25 (corpus) to 0.75 (antrum) [B].";
+    width 0.012; run [0.12, 0.12]; aboral 1.0; refractory 0.9
+);
+rhythm_table!(
+    /// `[motility.duodenum]`.
+    DuodenumConfig,
+    rate [0.208, 0.208], "Rate in phase III at both ends, 1/s. Default 0.208: 12.5 per minute [S, upper bound].";
+    speed 0.018, "Speed, m/s. Default 0.018 [B].";
+    amplitude [0.6, 0.6], "Amplitude at start and end of a run. Default 0.6 [B].";
+    width 0.010; run [0.02, 0.15]; aboral 0.85; refractory 0.6
+);
+rhythm_table!(
+    /// `[motility.jejunum]`.
+    JejunumConfig,
+    rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute [S].";
+    speed 0.014, "Speed, m/s. Default 0.014 [B].";
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [B].";
+    width 0.010; run [0.02, 0.12]; aboral 0.85; refractory 0.6
+);
+rhythm_table!(
+    /// `[motility.ileum]`.
+    IleumConfig,
+    rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute [S].";
+    speed 0.008, "Speed, m/s. Default 0.008 [B].";
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [B].";
+    width 0.010; run [0.02, 0.08]; aboral 0.8; refractory 0.6
+);
+rhythm_table!(
+    /// `[motility.terminal_ileum]`.
+    TerminalIleumConfig,
+    rate [0.167, 0.143], "Rate in phase III at both ends, 1/s. Default 10.0 to 8.6 per minute [S].";
+    speed 0.006, "Speed, m/s. Default 0.006 [B].";
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [B].";
+    width 0.010; run [0.02, 0.05]; aboral 0.8; refractory 0.6
+);
+
+/// Speed of the MMC front in duodenum and jejunum, ileum and terminal ileum, m/s: 4.7, 1.3 and 0.9 cm/min [S].
+const MMC_FRONT_M_S: [(SegmentKey, f64); 4] = [
+    (SegmentKey::Duodenum, 7.8e-4),
+    (SegmentKey::Jejunum, 7.8e-4),
+    (SegmentKey::Ileum, 2.2e-4),
+    (SegmentKey::TerminalIleum, 1.5e-4),
+];
+
+/// `[motility.colon]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ColonConfig {
+    /// Haustral contractions at one place, 1/s. Default 0.05: 3 per minute [S].
+    pub haustral_rate_hz: NonNegative,
+    /// Their speed, m/s. Default 0.002 [B].
+    pub haustral_speed_m_s: Positive,
+    /// Their amplitude. Default 0.3 [B].
+    pub haustral_amplitude: Fraction,
+    /// Their width, m. Default 0.010, a third of the distance between haustra [B].
+    pub haustral_width_m: Positive,
+    /// Their shortest and longest run, m. Default 0.01 to 0.03, up to one haustrum [B].
+    pub haustral_run_m: [Positive; 2],
+    /// Part of them that travels aborally. Default 0.5 [B].
+    pub haustral_aboral_fraction: Fraction,
+    /// Mass movements per day. Default 8 (6.9 to 10) [S].
+    pub mass_rate_per_day: NonNegative,
+    /// Their speed, m/s. Default 0.022 [S].
+    pub mass_speed_m_s: Positive,
+    /// Their run, m. Default 0.41 [S].
+    pub mass_run_m: Positive,
+    /// Their amplitude. Default 0.9 [B].
+    pub mass_amplitude: Fraction,
+    /// Their width, m. Default 0.03 [T: a sequence moves content by 0.25 m or more [S]].
+    pub mass_width_m: Positive,
+    /// How far ahead of them haustra flatten, m. Default 0.2 [B; after Guyton and Hall, Textbook of Medical
+    /// Physiology, where some 20 cm of colon distal to the constriction lose their haustra].
+    pub mass_flattens_ahead_m: NonNegative,
+    /// Retrograde waves of sigmoid and rectum at one place, 1/s. Default 0.05: 3 per minute [S].
+    pub retrograde_rectosigmoid_rate_hz: NonNegative,
+    /// Their speed, m/s. Default 0.005 [B].
+    pub retrograde_speed_m_s: Positive,
+    /// Their amplitude. Default 0.3 [B].
+    pub retrograde_amplitude: Fraction,
+    /// Their run, m. Default 0.05 [B].
+    pub retrograde_run_m: Positive,
+}
+
+impl Default for ColonConfig {
+    fn default() -> Self {
+        Self {
+            haustral_rate_hz: NonNegative(0.05),
+            haustral_speed_m_s: Positive(0.002),
+            haustral_amplitude: Fraction(0.3),
+            haustral_width_m: Positive(0.010),
+            haustral_run_m: [Positive(0.01), Positive(0.03)],
+            haustral_aboral_fraction: Fraction(0.5),
+            mass_rate_per_day: NonNegative(8.0),
+            mass_speed_m_s: Positive(0.022),
+            mass_run_m: Positive(0.41),
+            mass_amplitude: Fraction(0.9),
+            mass_width_m: Positive(0.03),
+            mass_flattens_ahead_m: NonNegative(0.2),
+            retrograde_rectosigmoid_rate_hz: NonNegative(0.05),
+            retrograde_speed_m_s: Positive(0.005),
+            retrograde_amplitude: Fraction(0.3),
+            retrograde_run_m: Positive(0.05),
+        }
+    }
+}
+
+impl ColonConfig {
+    fn haustral(&self) -> Rhythm {
+        Rhythm {
+            rate_hz: [self.haustral_rate_hz.0; 2],
+            speed_m_s: self.haustral_speed_m_s.0,
+            amplitude: [self.haustral_amplitude.0.min(LARGEST_AMPLITUDE); 2],
+            width_m: self.haustral_width_m.0,
+            run_m: self.haustral_run_m.map(|run| run.0),
+            aboral_fraction: self.haustral_aboral_fraction.0,
+            refractory_fraction: 0.5,
+            flattens_ahead_m: 0.0,
+            yields: true,
+        }
+    }
+
+    fn mass(&self) -> Rhythm {
+        Rhythm {
+            rate_hz: [self.mass_rate_per_day.0 / 86_400.0; 2],
+            speed_m_s: self.mass_speed_m_s.0,
+            amplitude: [self.mass_amplitude.0.min(LARGEST_AMPLITUDE); 2],
+            width_m: self.mass_width_m.0,
+            run_m: [self.mass_run_m.0; 2],
+            aboral_fraction: 1.0,
+            refractory_fraction: 0.05,
+            flattens_ahead_m: self.mass_flattens_ahead_m.0,
+            yields: false,
+        }
+    }
+
+    fn retrograde(&self) -> Rhythm {
+        Rhythm {
+            rate_hz: [self.retrograde_rectosigmoid_rate_hz.0; 2],
+            speed_m_s: self.retrograde_speed_m_s.0,
+            amplitude: [self.retrograde_amplitude.0.min(LARGEST_AMPLITUDE); 2],
+            width_m: self.haustral_width_m.0,
+            run_m: [self.retrograde_run_m.0; 2],
+            aboral_fraction: 0.0,
+            refractory_fraction: 0.6,
+            flattens_ahead_m: 0.0,
+            yields: true,
+        }
+    }
+
+    fn sites(&self, tract: &Tract, sites: &mut Vec<Site>) {
+        use SegmentKey::{Ascending, Caecum, Descending, Rectum, Sigmoid, Transverse};
+        let all = [Caecum, Ascending, Transverse, Descending, Sigmoid, Rectum];
+        let Some(limits_m) = span_of(tract, &all) else { return };
+        let site = |name: &str, span_m, rhythm, whole| Site {
+            name: name.to_owned(),
+            span_m,
+            limits_m,
+            rhythm,
+            front_delay_s: None,
+            whole,
+        };
+        for segment in tract.segments.iter().filter(|s| s.key.is_colon() && s.key != Rectum) {
+            let name = format!("haustra/{}", segment.key);
+            sites.push(site(&name, [segment.start_m, segment.end_m], self.haustral(), false));
+        }
+        // Mass movements arise in the proximal half (caecum to transverse) [B] and run over what lies behind.
+        let proximal = span_of(tract, &[Caecum, Ascending, Transverse]).unwrap_or(limits_m);
+        sites.push(site("mass", proximal, self.mass(), true));
+        if let Some(span_m) = span_of(tract, &[Sigmoid, Rectum]) {
+            sites.push(site("retrograde", span_m, self.retrograde(), false));
+        }
+    }
+}
+
+impl MotilityConfig {
+    /// Everything that contracts by itself in `tract`.
+    pub(crate) fn sites(&self, tract: &Tract) -> Vec<Site> {
+        let mut sites = Vec::new();
+        let mut delay_s = 0.0;
+        for segment in &tract.segments {
+            let rhythm = match segment.key {
+                SegmentKey::Stomach => self.stomach.rhythm(),
+                SegmentKey::Duodenum => self.duodenum.rhythm(),
+                SegmentKey::Jejunum => self.jejunum.rhythm(),
+                SegmentKey::Ileum => self.ileum.rhythm(),
+                SegmentKey::TerminalIleum => self.terminal_ileum.rhythm(),
+                _ => continue,
+            };
+            let front_delay_s =
+                MMC_FRONT_M_S.iter().find(|(key, _)| *key == segment.key).map(|(_, speed)| {
+                    let start_s = delay_s;
+                    delay_s += segment.length_m() / speed;
+                    [start_s, delay_s]
+                });
+            let span_m = [segment.start_m, segment.end_m];
+            // Waves of the small bowel run on into the next part of it; those of the stomach stop at the pylorus.
+            let limits_m =
+                if front_delay_s.is_some() { small_bowel(tract).unwrap_or(span_m) } else { span_m };
+            let (name, whole) = (segment.key.to_string(), false);
+            sites.push(Site { name, span_m, limits_m, rhythm, front_delay_s, whole });
+        }
+        self.colon.sites(tract, &mut sites);
+        sites
+    }
+}
+
+fn small_bowel(tract: &Tract) -> Option<[f64; 2]> {
+    use SegmentKey::{Duodenum, Ileum, Jejunum, TerminalIleum};
+    span_of(tract, &[Duodenum, Jejunum, Ileum, TerminalIleum])
+}
+
+/// From the start of the first to the end of the last of these segments that the tract has.
+pub(crate) fn span_of(tract: &Tract, keys: &[SegmentKey]) -> Option<[f64; 2]> {
+    let mut found = tract.segments.iter().filter(|segment| keys.contains(&segment.key));
+    let first = found.next()?;
+    let last = found.next_back().unwrap_or(first);
+    Some([first.start_m, last.end_m])
+}

@@ -1,0 +1,291 @@
+//! The command line: one source for help and completions.
+
+use clap::{Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Where is a swallowed capsule endoscope, and what must we build to know it to a millimetre?
+#[derive(Debug, Parser)]
+#[command(name = "lumenav", version, about, long_about = None, propagate_version = true)]
+pub struct Arguments {
+    /// Less output: no progress, no table.
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// How much a command says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verbosity {
+    /// Errors only.
+    Quiet,
+    /// Progress on stderr, results on stdout.
+    Normal,
+}
+
+impl Arguments {
+    /// How much to say.
+    pub fn verbosity(&self) -> Verbosity {
+        if self.quiet { Verbosity::Quiet } else { Verbosity::Normal }
+    }
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Simulate a scenario: sense, estimate, fuse, evaluate, record.
+    #[command(after_help = "Examples:
+  lumenav run scenarios/colon-magnetic.toml
+  lumenav run scenarios/helix-magnetic.toml --seed 7 --set sensor.plane.schedule.rate_hz=50
+  lumenav run scenarios/helix-magnetic.toml --trials 20")]
+    Run(RunOptions),
+    /// Run recorded measurements through the same front ends and filters.
+    #[command(after_help = "Example:
+  LUMENAV_DATA=../shared/data lumenav replay scenarios/replay/magnet-patch.toml")]
+    Replay(ReplayOptions),
+    /// Say why a track lost the capsule: refusals with reasons, weakest direction, events, counters.
+    #[command(after_help = "Example:
+  lumenav explain out/colon-magnetic-1 --track magnetic-eskf --at 312s")]
+    Explain(ExplainOptions),
+    /// List, show or check scenarios.
+    #[command(subcommand)]
+    Scenarios(ScenariosCommand),
+    /// List, show or check models.
+    #[command(subcommand)]
+    Models(ModelsCommand),
+    /// List the modalities that this program knows.
+    Plugins(PluginsOptions),
+    /// Make a new scenario that works from the first minute.
+    #[command(subcommand)]
+    New(NewCommand),
+    /// Write truth and tracks of a run as TUM, CSV, Parquet or KITTI.
+    #[command(after_help = "Example:
+  lumenav export out/helix-magnetic-1 --format kitti --out exported")]
+    Export(ExportOptions),
+    /// Open a recording in the Rerun viewer.
+    View(ViewOptions),
+    /// Print shell completions.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Options of `run`.
+#[derive(Clone, Debug, Args)]
+pub struct RunOptions {
+    /// The scenario file.
+    pub scenario: PathBuf,
+    /// Folder to write; default out/<scenario>-<seed>.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Seed; default the scenario's.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Independent trials, in parallel; writes trials/NNN/ and one table with 95 % intervals.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub trials: u64,
+    /// Threads for --trials; default all.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Replace a value of the scenario: table.key=value; entries of arrays by name or number.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Print the metrics as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// Read and check everything, run nothing.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Also send the recording to a running viewer, host:port.
+    #[arg(long, value_name = "ADDRESS")]
+    pub connect: Option<String>,
+    /// Write what the sensors measured, for `lumenav replay`.
+    #[arg(long)]
+    pub save_readings: bool,
+    /// How much the recording keeps.
+    #[arg(long, value_enum, default_value_t = Record::Bounded)]
+    pub record: Record,
+    /// Replace an existing run folder.
+    #[arg(long)]
+    pub force: bool,
+    /// Folder of models; default: `models` beside or above the scenario.
+    #[arg(long)]
+    pub models: Option<PathBuf>,
+}
+
+/// How much a recording keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Record {
+    /// Nothing.
+    None,
+    /// Thinned to the size budget.
+    Bounded,
+    /// Every row.
+    Full,
+}
+
+/// Options of `replay`.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayOptions {
+    /// The replay file.
+    pub replay: PathBuf,
+    /// Folder to write; default out/<name>-<seed>.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace a value of the file.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Print the metrics as JSON instead of a table.
+    #[arg(long)]
+    pub json: bool,
+    /// How much the recording keeps.
+    #[arg(long, value_enum, default_value_t = Record::Bounded)]
+    pub record: Record,
+    /// Replace an existing run folder.
+    #[arg(long)]
+    pub force: bool,
+    /// Folder of models; default: `models` beside or above the file.
+    #[arg(long)]
+    pub models: Option<PathBuf>,
+}
+
+/// Options of `explain`.
+#[derive(Clone, Debug, Args)]
+pub struct ExplainOptions {
+    /// A run's folder.
+    pub run: PathBuf,
+    /// Only this track.
+    #[arg(long)]
+    pub track: Option<String>,
+    /// Only the ten seconds around this time, for example 312s.
+    #[arg(long, value_parser = seconds)]
+    pub at: Option<f64>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.strip_suffix('s').unwrap_or(text);
+    match number.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("`{text}` is no time; give seconds, for example 312s")),
+    }
+}
+
+/// What to do with scenarios.
+#[derive(Debug, Subcommand)]
+pub enum ScenariosCommand {
+    /// List the scenarios in a folder.
+    List {
+        /// The folder.
+        #[arg(default_value = "scenarios")]
+        folder: PathBuf,
+    },
+    /// Show a scenario; with --resolved every key with its value, default or set, and unit.
+    Show {
+        /// The scenario file.
+        scenario: PathBuf,
+        /// Every key with its value, default or set, and unit.
+        #[arg(long)]
+        resolved: bool,
+        /// Replace a value of the scenario.
+        #[arg(long = "set", value_name = "KEY=VALUE")]
+        set: Vec<String>,
+    },
+    /// Check scenarios: every table and every model they name.
+    Check {
+        /// The scenario files.
+        #[arg(required = true)]
+        scenarios: Vec<PathBuf>,
+    },
+}
+
+/// What to do with models.
+#[derive(Debug, Subcommand)]
+pub enum ModelsCommand {
+    /// List the models there are.
+    List {
+        /// The models folder.
+        #[arg(long, default_value = "models")]
+        models: PathBuf,
+    },
+    /// Show a model: kind/name.
+    Show {
+        /// For example sensor-arrays/belt-16.
+        model: String,
+        /// The models folder.
+        #[arg(long, default_value = "models")]
+        models: PathBuf,
+    },
+    /// Check all models of the folder.
+    Check {
+        /// The models folder.
+        #[arg(long, default_value = "models")]
+        models: PathBuf,
+    },
+}
+
+/// Options of `plugins`.
+#[derive(Clone, Debug, Args)]
+pub struct PluginsOptions {
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to make.
+#[derive(Debug, Subcommand)]
+pub enum NewCommand {
+    /// A scenario, copied from one that works.
+    Scenario {
+        /// The file to write.
+        file: PathBuf,
+        /// The scenario to start from.
+        #[arg(long, default_value = "scenarios/helix-magnetic.toml")]
+        from: PathBuf,
+    },
+}
+
+/// Options of `export`.
+#[derive(Clone, Debug, Args)]
+pub struct ExportOptions {
+    /// A run's folder.
+    pub run: PathBuf,
+    /// The format.
+    #[arg(long, value_enum, default_value_t = ExportFormat::Tum)]
+    pub format: ExportFormat,
+    /// Folder to write.
+    #[arg(long, default_value = "export")]
+    pub out: PathBuf,
+    /// Only this track.
+    #[arg(long)]
+    pub track: Option<String>,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Formats of `export`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ExportFormat {
+    /// t x y z qx qy qz qw
+    Tum,
+    /// A header line, one row per update, with covariance and errors.
+    Csv,
+    /// tracks.parquet as it is: all tracks in one file.
+    Parquet,
+    /// Twelve numbers of the 3 x 4 pose matrix.
+    Kitti,
+}
+
+/// Options of `view`.
+#[derive(Clone, Debug, Args)]
+pub struct ViewOptions {
+    /// A recording, or a run's folder.
+    pub recording: PathBuf,
+}
+
+/// Prints completions for a shell.
+pub fn completions(shell: clap_complete::Shell) {
+    clap_complete::generate(shell, &mut Arguments::command(), "lumenav", &mut std::io::stdout());
+}

@@ -1,0 +1,10 @@
+//! One module per command.
+
+pub mod explain;
+pub mod export;
+pub mod models;
+pub mod new;
+pub mod replay;
+pub mod run;
+pub mod scenarios;
+pub mod view;

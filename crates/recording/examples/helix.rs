@@ -1,0 +1,25 @@
+//! Records a minute of a capsule on a helix: what a recording looks like, without any simulation behind it.
+//!
+//! ```text
+//! cargo run -p lumenav-recording --example helix -- helix.rrd
+//! rerun helix.rrd
+//! ```
+
+#![expect(clippy::disallowed_types, reason = "world side: the example plays a world")]
+
+#[path = "../tests/synthetic/mod.rs"]
+mod synthetic;
+
+use lumenav_recording::{RecorderOptions, RrdRecorder, inspect};
+use std::path::PathBuf;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let path = PathBuf::from(std::env::args().nth(1).unwrap_or_else(|| "helix.rrd".to_owned()));
+    let mut recorder = RrdRecorder::to_file(&path, RecorderOptions::default())?;
+    synthetic::play(&mut recorder, 60.0, 50.0, &["magnetic", "pet"])?;
+    for (entity, rows) in inspect(&path)?.rows {
+        println!("{rows:6} {entity}");
+    }
+    println!("{} kB", std::fs::metadata(&path)?.len() / 1000);
+    Ok(())
+}

@@ -1,0 +1,35 @@
+//! From a scenario file to its world.
+
+use crate::error::ScenarioError;
+use crate::file::ScenarioFile;
+use crate::kinematic::{self, TruthTable};
+use crate::world::World;
+use lumenav_core::{PathMap, RandomStreams};
+use std::sync::Arc;
+
+/// A world and what evaluation knows of its map.
+pub struct BuiltWorld {
+    /// The world.
+    pub world: Box<dyn World>,
+    /// The tract as a map, where there is one.
+    pub map: Option<Arc<dyn PathMap>>,
+}
+
+/// Builds the world: kinematic where the file has a `[truth]`, else the engine in its `[tract]`.
+///
+/// # Errors
+/// [`ScenarioError`] with file, line, key and what is allowed.
+pub fn build_world(file: &ScenarioFile, seed: u64, trial: u64) -> Result<BuiltWorld, ScenarioError> {
+    let node = &file.node;
+    if let Some(truth) = node.child("truth") {
+        if let Some(key) = ["tract", "motility", "engine"].into_iter().find(|key| node.child(key).is_some()) {
+            let message = "kinematic truth ([truth]) and an engine in a tract exclude each other";
+            return Err(node.error_at(key, message).into());
+        }
+        let table: TruthTable = truth.parse()?;
+        let streams = RandomStreams::new(seed, trial, kinematic::COMPONENT);
+        return Ok(BuiltWorld { world: kinematic::build(&table, &truth, &streams)?, map: None });
+    }
+    let message = "the scenario has neither a [truth] (kinematic) nor a [tract] (engine)";
+    Err(node.error(message).into())
+}

@@ -1,0 +1,106 @@
+//! The law that the capsule never leaves the lumen, tried over random motility.
+
+use super::{Engine, EngineConfig, EngineError};
+use lumenav_anatomy::lumen::Lumen;
+use lumenav_anatomy::motility::Motility;
+use lumenav_anatomy::tract::Tract;
+use lumenav_core::{CapsuleBody, RandomStreams, SimTime};
+use std::sync::Arc;
+
+/// How far a capsule that touches the resting wall may press into it, m: the wall gives way by 2 to 3 mm by design.
+pub const TOLERANCE_M: f64 = 3e-3;
+
+/// What a fuzzing run found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FuzzReport {
+    /// Runs made.
+    pub runs: u64,
+    /// Steps made.
+    pub steps: u64,
+    /// Largest offset minus `max(R_rest - r, 0)`, m: has to stay below [`TOLERANCE_M`].
+    pub worst_excess_m: f64,
+    /// Seed of the run that had it.
+    pub worst_seed: u64,
+    /// Where, m, and when.
+    pub worst_arc_length_m: f64,
+    /// When.
+    pub worst_at: SimTime,
+    /// Largest speed met, m/s.
+    pub fastest_m_s: f64,
+    /// Steps whose state was not finite: has to be 0.
+    pub not_finite: u64,
+}
+
+impl FuzzReport {
+    /// Whether the capsule stayed inside in every step of every run.
+    pub fn inside(&self) -> bool {
+        self.not_finite == 0 && self.worst_excess_m <= TOLERANCE_M
+    }
+}
+
+/// Runs one engine per seed for `duration_s`, starting at places that cover the tract, with the motility that `motility` makes
+/// of the seed's streams, and tests the offset after each step.
+///
+/// # Errors
+/// [`EngineError`] of an engine that cannot be built.
+pub fn fuzz_inside_lumen(
+    seeds: std::ops::Range<u64>,
+    duration_s: f64,
+    config: &EngineConfig,
+    tract: &Arc<Tract>,
+    capsule: CapsuleBody,
+    mut motility: impl FnMut(&RandomStreams) -> Motility,
+) -> Result<FuzzReport, EngineError> {
+    let mut report = FuzzReport {
+        runs: 0,
+        steps: 0,
+        worst_excess_m: f64::NEG_INFINITY,
+        worst_seed: 0,
+        worst_arc_length_m: 0.0,
+        worst_at: SimTime::ZERO,
+        fastest_m_s: 0.0,
+        not_finite: 0,
+    };
+    for seed in seeds {
+        // The golden ratio spreads the starts evenly over the tract for any number of seeds.
+        let place = (0.5 + seed as f64 * 0.618_033_988_749_894_9).fract();
+        let margin_m = capsule.length_m.min(0.4 * tract.length_m());
+        let mut config = config.clone();
+        config.start_arc_length_m.0 = margin_m + place * (tract.length_m() - 2.0 * margin_m);
+        let streams = RandomStreams::new(seed, 0, "motility");
+        let mut engine = Engine::new(config, tract.clone(), motility(&streams), capsule)?;
+        let steps = (duration_s * f64::from(engine.config.step_rate_hz)).round() as u64;
+        report.runs += 1;
+        for _ in 0..steps {
+            engine.step();
+            report.note(seed, &engine, capsule.radius_m);
+            if engine.left {
+                break;
+            }
+        }
+    }
+    Ok(report)
+}
+
+impl FuzzReport {
+    fn note(&mut self, seed: u64, engine: &Engine, radius_m: f64) {
+        self.steps += 1;
+        let state = engine.state();
+        let finite = state.world_from_capsule.translation.vector.iter().all(|v| v.is_finite());
+        self.not_finite += u64::from(!finite);
+        self.fastest_m_s = self.fastest_m_s.max(state.velocity_world_m_s.norm());
+        let free_m = (rest_m(engine.lumen(), state.arc_length_m) - radius_m).max(0.0);
+        let excess_m = state.offset_m - free_m;
+        if excess_m > self.worst_excess_m {
+            self.worst_excess_m = excess_m;
+            self.worst_seed = seed;
+            self.worst_arc_length_m = state.arc_length_m;
+            self.worst_at = state.at;
+        }
+    }
+}
+
+/// R_rest is the tract's own resting radius; folds stand inside it.
+fn rest_m(lumen: &Lumen, s_m: f64) -> f64 {
+    lumen.tract().radius.radius_m(s_m)
+}

@@ -1,0 +1,469 @@
+//! The engine: a capsule, a moving bowel, gravity and time. Truth comes out step by step.
+//!
+//! One step of length dt:
+//!
+//! 1. the capsule's centre is projected onto the centre line, near where it was; the lumen is focused there ([`Lumen`]);
+//! 2. five rings of the capsule are tested against the lumen ([`wall`](self));
+//! 3. weight, buoyancy, drag, the actuators' wrench and the wall make one implicit system for the six velocities at the end of
+//!    the step: stable at any step the lumen's motion allows (240 to 1,000 Hz tested);
+//! 4. the body takes these velocities and moves ([`body`](self)): by rapier where something rigid is in the tract, which solves
+//!    the contacts.
+//!
+//! ```text
+//! m dv/dt = m g - ρ V g + F_drag + F_wall + F_wrench
+//! F_drag  = -(6π η r + ½ ρ C_d π r² |v|) v        (in fluid; the torque by strips along the capsule)
+//! ```
+//!
+//! Frames: the tract lies in the torso frame; `world_from_torso` is fixed. Forces, velocities and poses given out are in the
+//! world frame unless their name says else.
+//!
+//! Time is the number of steps: step n is at `n / step_rate_hz`, to the nanosecond, however long the exam.
+//!
+//! Determinism: one thread, no clock, no random numbers but those of the motility's named streams. A snapshot holds the
+//! capsule's exact state; the motility is a pure function of time.
+//!
+//! Neglected: added mass of the fluid, lift, the flow of the contents, the wall's own inertia, motion of the torso.
+
+mod body;
+mod events;
+mod fuzz;
+mod snapshot;
+mod system;
+mod wall;
+
+pub use body::Obstacle;
+pub use events::{EngineEvent, EventKind};
+pub use fuzz::{FuzzReport, TOLERANCE_M, fuzz_inside_lumen};
+
+use body::Body;
+use events::Watch;
+use lumenav_anatomy::centre_line::Station;
+use lumenav_anatomy::lumen::Lumen;
+use lumenav_anatomy::motility::Motility;
+use lumenav_anatomy::segment::SegmentKey;
+use lumenav_anatomy::tract::{End, Tract};
+use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
+use lumenav_core::pose::attitude_from_axis;
+use lumenav_core::{CapsuleBody, SimTime};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
+use std::sync::Arc;
+use system::{System, Twist};
+use wall::{Cap, Placement, Reaction, Rings, WallContacts};
+
+/// Allowed step rates, 1/s.
+const STEP_RATES_HZ: std::ops::RangeInclusive<u32> = 60..=10_000;
+
+/// What can go wrong with an engine.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum EngineError {
+    /// A value outside its range.
+    #[error("{name} has to be from {low} to {high}, it is {value}")]
+    OutOfRange {
+        /// Name with its unit.
+        name: &'static str,
+        /// The value.
+        value: f64,
+        /// Smallest value allowed.
+        low: f64,
+        /// Largest value allowed.
+        high: f64,
+    },
+    /// A capsule that is not longer than it is wide, or without size or mass.
+    #[error(
+        "the capsule has to have a positive mass and a length above its diameter: radius {radius_m} m, length {length_m} m, mass {mass_kg} kg"
+    )]
+    CapsuleShape {
+        /// Radius, m.
+        radius_m: f64,
+        /// Length, m.
+        length_m: f64,
+        /// Mass, kg.
+        mass_kg: f64,
+    },
+    /// The bytes are no snapshot of this version, or are cut short.
+    #[error("not a snapshot of this engine: {reason}")]
+    Snapshot {
+        /// What is wrong.
+        reason: &'static str,
+    },
+}
+
+/// `[engine]`: numbers of the engine. [S] stated by a source, [B] believed, [T] tuned here.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EngineConfig {
+    /// Steps per second, 60 to 10,000. Default 240: end points agree with those at 1,000 Hz within 1 %.
+    pub step_rate_hz: u32,
+    /// Where the capsule's centre starts, arc length, m. Default: 20 mm behind the tract's oral end.
+    pub start_arc_length_m: NonNegative,
+    /// Turn of the capsule about its axis at the start, rad. Default 0.
+    pub start_roll_rad: Finite,
+    /// Gravity in the torso frame, m/s². Default (0, -9.81, 0): lying on the back.
+    pub gravity_torso_m_s2: [Finite; 3],
+    /// Segments without fluid: no buoyancy and no drag. Default none: bowels are prepared with litres of fluid.
+    pub dry_segments: Vec<SegmentKey>,
+    /// Density of the fluid, kg/m³. Default 1000 [S].
+    pub fluid_density_kg_m3: NonNegative,
+    /// Viscosity of the fluid, Pa s. Default 0.001, water.
+    pub fluid_viscosity_pa_s: NonNegative,
+    /// Drag coefficient of a short cylinder across. Default 1 (0.6 to 1.2 over the Reynolds numbers met, Hoerner 1965).
+    pub drag_coefficient: NonNegative,
+    /// Adhesion of the wall, N: Coulomb-like, for the capsule as a whole. Default 0.025 [B].
+    pub coulomb_newton: NonNegative,
+    /// Slip speed at which friction is fully developed, m/s. Default 2e-6 [T to "no transport without waves": with the 2e-4 first
+    /// proposed, a capsule creeps 7 mm a minute down a slope].
+    pub regularisation_m_s: Positive,
+    /// Viscous friction of a wall all around the capsule, N s/m. Default 15 [B: 91 mN of traction at 1 to 5 mm/s].
+    pub viscous_newton_s_per_m: NonNegative,
+    /// How much stiffer a fully contracted wall is than a resting one: k (1 + this x closed fraction). Default 14 [T to "a mass
+    /// movement of the colon takes the capsule along"; muscle in tone is stiff, and its pressure of 14 kPa [S] on the capsule's
+    /// cross-section would be 1.3 N].
+    pub contraction_stiffening: NonNegative,
+    /// Stiffness of a closed end, N/m. Default 200 [B]: the capsule's weight makes 0.05 mm.
+    pub cap_stiffness_newton_per_m: Positive,
+    /// Damping of a closed end, N s/m. Default 8, that of a ring [B].
+    pub cap_damping_newton_s_per_m: NonNegative,
+    /// A capsule that has not moved by `stalled_distance_m` for so long is `stalled`, s. Default 600 [B].
+    pub stalled_after_s: Positive,
+    /// And for so long, `retained`, s. Default 21600 (6 h) [B: above the longest rest between two mass movements expected].
+    pub retained_after_s: Positive,
+    /// See `stalled_after_s`, m. Default 0.01.
+    pub stalled_distance_m: Positive,
+}
+
+impl Default for EngineConfig {
+    fn default() -> Self {
+        Self {
+            step_rate_hz: 240,
+            start_arc_length_m: NonNegative(0.02),
+            start_roll_rad: Finite(0.0),
+            gravity_torso_m_s2: [Finite(0.0), Finite(-9.81), Finite(0.0)],
+            dry_segments: Vec::new(),
+            fluid_density_kg_m3: NonNegative(1000.0),
+            fluid_viscosity_pa_s: NonNegative(1e-3),
+            drag_coefficient: NonNegative(1.0),
+            coulomb_newton: NonNegative(0.025),
+            regularisation_m_s: Positive(2e-6),
+            viscous_newton_s_per_m: NonNegative(15.0),
+            contraction_stiffening: NonNegative(14.0),
+            cap_stiffness_newton_per_m: Positive(200.0),
+            cap_damping_newton_s_per_m: NonNegative(8.0),
+            stalled_after_s: Positive(600.0),
+            retained_after_s: Positive(21_600.0),
+            stalled_distance_m: Positive(0.01),
+        }
+    }
+}
+
+/// The capsule's true state at the end of a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EngineState {
+    /// The instant.
+    pub at: SimTime,
+    /// Pose: origin at the capsule's centre, x along its axis, forward aboral at the start.
+    pub world_from_capsule: Isometry3<f64>,
+    /// Velocity of the centre, world, m/s.
+    pub velocity_world_m_s: Vector3<f64>,
+    /// Angular rate, capsule frame, rad/s.
+    pub angular_rate_capsule_rad_s: Vector3<f64>,
+    /// Acceleration minus gravity, mean over the last step, capsule frame, m/s².
+    pub specific_force_capsule_m_s2: Vector3<f64>,
+    /// Arc length of the centre's projection, m.
+    pub arc_length_m: f64,
+    /// Distance of the centre from the centre line, m.
+    pub offset_m: f64,
+    /// The segment it is in.
+    pub segment: SegmentKey,
+    /// Norm of the force that the wall exerts, N.
+    pub wall_force_n: f64,
+    /// Whether the wall touches the capsule.
+    pub contact: bool,
+    /// Whether the capsule has left the tract: then everything above stays as it was when it left.
+    pub left: bool,
+}
+
+/// A capsule in a moving tract.
+pub struct Engine {
+    config: EngineConfig,
+    capsule: CapsuleBody,
+    tract: Arc<Tract>,
+    lumen: Lumen,
+    body: Body,
+    contacts: WallContacts,
+    caps: [Option<Cap>; 2],
+    gravity_torso_m_s2: Vector3<f64>,
+    world_from_torso: Isometry3<f64>,
+    dry: Vec<bool>,
+    step_s: f64,
+    step_index: u64,
+    station: Station,
+    offset_m: f64,
+    segment_index: usize,
+    wrench_torso: [Vector3<f64>; 2],
+    specific_force_capsule_m_s2: Vector3<f64>,
+    wall_force_n: f64,
+    touching: usize,
+    left: bool,
+    watch: Watch,
+    events: Vec<EngineEvent>,
+}
+
+impl Engine {
+    /// A capsule at rest on the centre line at the configured arc length, its x axis along the tangent.
+    ///
+    /// # Errors
+    /// [`EngineError`]: a start outside the tract, a step rate out of range, an impossible capsule.
+    pub fn new(
+        config: EngineConfig,
+        tract: Arc<Tract>,
+        motility: Motility,
+        capsule: CapsuleBody,
+    ) -> Result<Self, EngineError> {
+        check(&config, &tract, &capsule)?;
+        let start_m = config.start_arc_length_m.0;
+        let station = tract.centre_line.station(start_m);
+        let attitude = attitude_from_axis(&station.tangent)
+            * UnitQuaternion::from_scaled_axis(Vector3::x() * config.start_roll_rad.0);
+        let pose = Isometry3::from_parts(Translation3::from(station.position_m.coords), attitude);
+        let step_s = 1.0 / f64::from(config.step_rate_hz);
+        let body = Body::new(&capsule, &pose, step_s);
+        let segments = &tract.segments;
+        let dry = segments.iter().map(|segment| config.dry_segments.contains(&segment.key)).collect();
+        let segment_index = segments.iter().position(|s| start_m < s.end_m).unwrap_or(segments.len() - 1);
+        let watch = Watch::new(start_m, segment_index);
+        Ok(Self {
+            lumen: Lumen::new(tract.clone(), motility),
+            body,
+            contacts: WallContacts::new(Rings::of(&capsule)),
+            caps: caps(&tract),
+            gravity_torso_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
+            world_from_torso: Isometry3::identity(),
+            dry,
+            step_s,
+            step_index: 0,
+            station,
+            offset_m: 0.0,
+            segment_index,
+            wrench_torso: [Vector3::zeros(); 2],
+            specific_force_capsule_m_s2: Vector3::zeros(),
+            wall_force_n: 0.0,
+            touching: 0,
+            left: false,
+            watch,
+            events: Vec::with_capacity(16),
+            config,
+            capsule,
+            tract,
+        })
+    }
+
+    /// The instant it stands at.
+    pub fn time(&self) -> SimTime {
+        self.time_of(self.step_index)
+    }
+
+    fn time_of(&self, step_index: u64) -> SimTime {
+        let nanoseconds = u128::from(step_index) * 1_000_000_000 / u128::from(self.config.step_rate_hz);
+        // 292 years of nanoseconds fit.
+        SimTime(nanoseconds as i64)
+    }
+
+    /// Force (N) and torque about the capsule's centre (N m), world frame, from now on until the next call.
+    pub fn apply_wrench(&mut self, force_world_n: &Vector3<f64>, torque_world_n_m: &Vector3<f64>) {
+        let turn = self.world_from_torso.rotation.inverse();
+        self.wrench_torso = [turn * force_world_n, turn * torque_world_n_m];
+    }
+
+    /// Gravity in the torso frame from now on, m/s².
+    pub fn set_gravity_torso(&mut self, gravity_torso_m_s2: &Vector3<f64>) {
+        self.gravity_torso_m_s2 = *gravity_torso_m_s2;
+    }
+
+    /// Puts something rigid into the tract; a capsule that already overlaps it is pushed out.
+    pub fn insert_obstacle(&mut self, obstacle: &Obstacle) {
+        self.body.insert(obstacle);
+    }
+
+    /// The tract.
+    pub fn tract(&self) -> &Arc<Tract> {
+        &self.tract
+    }
+
+    /// The lumen at the present time.
+    pub fn lumen(&self) -> &Lumen {
+        &self.lumen
+    }
+
+    /// Pose of the torso in the world.
+    pub fn world_from_torso(&self) -> &Isometry3<f64> {
+        &self.world_from_torso
+    }
+
+    /// What happened during the last [`Engine::step`] or [`Engine::advance_to`].
+    pub fn events(&self) -> &[EngineEvent] {
+        &self.events
+    }
+
+    /// One step.
+    pub fn step(&mut self) {
+        self.events.clear();
+        self.step_once();
+    }
+
+    /// All steps that end at or before `time`.
+    pub fn advance_to(&mut self, time: SimTime) {
+        self.events.clear();
+        while self.time_of(self.step_index + 1) <= time {
+            self.step_once();
+        }
+    }
+
+    fn step_once(&mut self) {
+        let time_s = self.step_index as f64 * self.step_s;
+        self.step_index += 1;
+        if self.left {
+            return;
+        }
+        let twist = self.body.twist();
+        let pose = self.body.pose();
+        let axis = pose.rotation * Vector3::x();
+        self.lumen.focus_on(self.station.arc_length_m, self.contacts.rings().reach_m(), time_s);
+        let placement =
+            Placement { centre_m: Point3::from(pose.translation.vector), axis, station: self.station };
+        let friction = self.find_contacts(&placement);
+        let system = self.forces(&axis, &twist);
+        let reaction = self.contacts.solve(&system, &twist, friction, &self.config, self.step_s);
+        self.body.set_twist(&reaction.twist);
+        self.body.step();
+        self.take_state(&twist, &reaction);
+    }
+
+    fn find_contacts(&mut self, placement: &Placement) -> f64 {
+        // The index is that of the segment at the station (see `take_state`).
+        let wall = &self.tract.segments[self.segment_index].wall;
+        self.contacts.find(&self.lumen, placement, wall, &self.config, &self.caps);
+        wall.friction
+    }
+
+    /// Everything but the wall.
+    fn forces(&self, axis: &Vector3<f64>, twist: &Twist) -> System {
+        let inertia = &self.body.inertia;
+        let mut system =
+            System::new(inertia.mass_kg, inertia.axial_kg_m2, inertia.transverse_kg_m2, axis, twist);
+        let mut weight_kg = inertia.mass_kg;
+        if !self.dry[self.segment_index] {
+            let config = &self.config;
+            let (density, viscosity) = (config.fluid_density_kg_m3.0, config.fluid_viscosity_pa_s.0);
+            weight_kg -= density * inertia.volume_m3;
+            let (r, length) = (self.capsule.radius_m, self.capsule.length_m);
+            let pressure = 0.5 * density * config.drag_coefficient.0;
+            let speed = twist.linear.norm_squared().sqrt();
+            let spin = twist.angular.norm_squared().sqrt();
+            // Stokes plus pressure drag on the frontal area; strips of the width 2r at a distance x turn with ω x.
+            let linear = 6.0 * PI * viscosity * r + pressure * PI * r * r * speed;
+            let angular =
+                8.0 * PI * viscosity * r * r * r + pressure * 2.0 * r * length.powi(4) / 32.0 * spin;
+            system.add_damping(self.step_s * linear, self.step_s * angular);
+        }
+        let [force, torque] = &self.wrench_torso;
+        let force = force + self.gravity_torso_m_s2 * weight_kg;
+        system.add_impulse(&(force * self.step_s), &(torque * self.step_s));
+        system
+    }
+
+    fn take_state(&mut self, before: &Twist, reaction: &Reaction) {
+        let pose = self.body.pose();
+        let after = self.body.twist();
+        let acceleration = (after.linear - before.linear) / self.step_s;
+        self.specific_force_capsule_m_s2 = pose.rotation.inverse() * (acceleration - self.gravity_torso_m_s2);
+        self.wall_force_n = reaction.force_world_n.norm_squared().sqrt();
+        self.touching = reaction.touching;
+        let centre = Point3::from(pose.translation.vector);
+        let foot = self.tract.centre_line.project_near(&centre, self.station.arc_length_m);
+        self.station = foot.station;
+        self.offset_m = foot.distance_m;
+        let segments = &self.tract.segments;
+        while self.segment_index + 1 < segments.len()
+            && foot.arc_length_m >= segments[self.segment_index].end_m
+        {
+            self.segment_index += 1;
+        }
+        while self.segment_index > 0 && foot.arc_length_m < segments[self.segment_index].start_m {
+            self.segment_index -= 1;
+        }
+        self.left = self.is_outside(&centre);
+        let at = self.time();
+        let seen = events::Seen {
+            at,
+            arc_length_m: foot.arc_length_m,
+            segment_index: self.segment_index,
+            touching: self.touching > 0,
+            left: self.left,
+        };
+        self.watch.look(&seen, &self.tract, &self.config, &mut self.events);
+    }
+
+    /// Whether the centre is beyond an open end.
+    fn is_outside(&self, centre: &Point3<f64>) -> bool {
+        let (s, length_m) = (self.station.arc_length_m, self.tract.length_m());
+        let beyond = (centre - self.station.position_m).dot(&self.station.tangent);
+        (self.caps[0].is_none() && s <= 0.0 && beyond < 0.0)
+            || (self.caps[1].is_none() && s >= length_m && beyond > 0.0)
+    }
+
+    /// The capsule's state now.
+    pub fn state(&self) -> EngineState {
+        let pose = self.body.pose();
+        let twist = self.body.twist();
+        EngineState {
+            at: self.time(),
+            world_from_capsule: self.world_from_torso * pose,
+            velocity_world_m_s: self.world_from_torso.rotation * twist.linear,
+            angular_rate_capsule_rad_s: pose.rotation.inverse() * twist.angular,
+            specific_force_capsule_m_s2: self.specific_force_capsule_m_s2,
+            arc_length_m: self.station.arc_length_m,
+            offset_m: self.offset_m,
+            segment: self.tract.segments[self.segment_index].key,
+            wall_force_n: self.wall_force_n,
+            contact: self.touching > 0,
+            left: self.left,
+        }
+    }
+}
+
+fn check(config: &EngineConfig, tract: &Tract, capsule: &CapsuleBody) -> Result<(), EngineError> {
+    let in_range = |name, value: f64, low: f64, high: f64| {
+        if (low..=high).contains(&value) {
+            Ok(())
+        } else {
+            Err(EngineError::OutOfRange { name, value, low, high })
+        }
+    };
+    let (low, high) = (*STEP_RATES_HZ.start(), *STEP_RATES_HZ.end());
+    in_range("step_rate_hz", f64::from(config.step_rate_hz), f64::from(low), f64::from(high))?;
+    in_range("start_arc_length_m", config.start_arc_length_m.0, 0.0, tract.length_m())?;
+    let CapsuleBody { radius_m, length_m, mass_kg } = *capsule;
+    let sound =
+        radius_m > 0.0 && mass_kg > 0.0 && length_m > 2.0 * radius_m && (length_m * mass_kg).is_finite();
+    if sound { Ok(()) } else { Err(EngineError::CapsuleShape { radius_m, length_m, mass_kg }) }
+}
+
+fn caps(tract: &Tract) -> [Option<Cap>; 2] {
+    let line = &tract.centre_line;
+    let (first, last) = (line.station(0.0), line.station(tract.length_m()));
+    let (oral, anal) = tract.ends;
+    [
+        (oral == End::Closed).then_some(Cap {
+            position_m: first.position_m,
+            outwards: -first.tangent,
+            arc_length_m: 0.0,
+        }),
+        (anal == End::Closed).then_some(Cap {
+            position_m: last.position_m,
+            outwards: last.tangent,
+            arc_length_m: tract.length_m(),
+        }),
+    ]
+}

@@ -1,0 +1,178 @@
+//! Snapshots: the exact state of an engine as bytes, from which a run continues bit by bit.
+//!
+//! Little-endian: magic `LNVE`, version (u32), a fingerprint of configuration, capsule and tract (u64), then the state in the
+//! order of [`Engine::snapshot`]. The motility is not in it: it is a pure function of time, and is replayed on restoring
+//! (0.1 s for eight hours). A snapshot belongs to an engine built from the same scenario; the fingerprint tells others.
+
+use super::system::Twist;
+use super::{Engine, EngineError};
+use lumenav_core::SimTime;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+const MAGIC: &[u8; 4] = b"LNVE";
+const VERSION: u32 = 1;
+
+struct Writer(Vec<u8>);
+
+impl Writer {
+    fn whole(&mut self, value: u64) {
+        self.0.extend_from_slice(&value.to_le_bytes());
+    }
+
+    fn number(&mut self, value: f64) {
+        self.whole(value.to_bits());
+    }
+
+    fn vector(&mut self, value: &Vector3<f64>) {
+        for v in value.iter() {
+            self.number(*v);
+        }
+    }
+}
+
+struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], EngineError> {
+        let Some((first, rest)) = self.0.split_first_chunk::<N>() else {
+            return Err(EngineError::Snapshot { reason: "cut short" });
+        };
+        self.0 = rest;
+        Ok(*first)
+    }
+
+    fn whole(&mut self) -> Result<u64, EngineError> {
+        Ok(u64::from_le_bytes(self.bytes()?))
+    }
+
+    fn flag(&mut self) -> Result<bool, EngineError> {
+        Ok(self.whole()? != 0)
+    }
+
+    fn number(&mut self) -> Result<f64, EngineError> {
+        let value = f64::from_bits(self.whole()?);
+        if value.is_finite() {
+            Ok(value)
+        } else {
+            Err(EngineError::Snapshot { reason: "a number is not finite" })
+        }
+    }
+
+    fn vector(&mut self) -> Result<Vector3<f64>, EngineError> {
+        Ok(Vector3::new(self.number()?, self.number()?, self.number()?))
+    }
+}
+
+impl Engine {
+    /// The exact state as bytes.
+    pub fn snapshot(&self) -> Vec<u8> {
+        let mut out = Writer(Vec::with_capacity(512));
+        out.0.extend_from_slice(MAGIC);
+        out.0.extend_from_slice(&VERSION.to_le_bytes());
+        out.whole(self.fingerprint());
+        out.whole(self.step_index);
+        let (pose, twist) = (self.body.pose(), self.body.twist());
+        out.vector(&pose.translation.vector);
+        for q in pose.rotation.coords.iter() {
+            out.number(*q);
+        }
+        out.vector(&twist.linear);
+        out.vector(&twist.angular);
+        out.vector(&self.gravity_torso_m_s2);
+        for w in &self.wrench_torso {
+            out.vector(w);
+        }
+        out.number(self.station.arc_length_m);
+        out.number(self.offset_m);
+        out.vector(&self.specific_force_capsule_m_s2);
+        out.number(self.wall_force_n);
+        out.whole(self.touching as u64);
+        out.whole(self.segment_index as u64);
+        out.whole(u64::from(self.left));
+        let watch = &self.watch;
+        out.whole(watch.segment_index as u64);
+        out.whole(watch.last_touch.0 as u64);
+        out.whole(u64::from(watch.lost));
+        out.number(watch.anchor_m);
+        out.whole(watch.anchored.0 as u64);
+        out.whole(u64::from(watch.stalled));
+        out.whole(u64::from(watch.retained));
+        out.0
+    }
+
+    /// Takes on the state of a snapshot of an engine built alike.
+    ///
+    /// # Errors
+    /// [`EngineError::Snapshot`]: other bytes, another version, another scenario. The engine is then as it was.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), EngineError> {
+        let mut from = Reader(bytes);
+        if &from.bytes::<4>()? != MAGIC {
+            return Err(EngineError::Snapshot { reason: "wrong magic" });
+        }
+        if u32::from_le_bytes(from.bytes()?) != VERSION {
+            return Err(EngineError::Snapshot { reason: "another version" });
+        }
+        if from.whole()? != self.fingerprint() {
+            return Err(EngineError::Snapshot { reason: "another configuration, capsule or tract" });
+        }
+        let step_index = from.whole()?;
+        let translation = Translation3::from(from.vector()?);
+        let [i, j, k, w] = [from.number()?, from.number()?, from.number()?, from.number()?];
+        let quaternion = Quaternion::new(w, i, j, k);
+        if (quaternion.norm() - 1.0).abs() > 1e-6 {
+            return Err(EngineError::Snapshot { reason: "the attitude is no rotation" });
+        }
+        // Not normalised: the bits are the state.
+        let pose = Isometry3::from_parts(translation, UnitQuaternion::new_unchecked(quaternion));
+        let twist = Twist { linear: from.vector()?, angular: from.vector()? };
+        let gravity_torso_m_s2 = from.vector()?;
+        let wrench_torso = [from.vector()?, from.vector()?];
+        let (arc_length_m, offset_m) = (from.number()?, from.number()?);
+        let specific_force_capsule_m_s2 = from.vector()?;
+        let wall_force_n = from.number()?;
+        let (touching, segment_index, left) = (from.whole()? as usize, from.whole()? as usize, from.flag()?);
+        let mut watch = self.watch;
+        watch.segment_index = from.whole()? as usize;
+        watch.last_touch = SimTime(from.whole()? as i64);
+        watch.lost = from.flag()?;
+        watch.anchor_m = from.number()?;
+        watch.anchored = SimTime(from.whole()? as i64);
+        watch.stalled = from.flag()?;
+        watch.retained = from.flag()?;
+        if !from.0.is_empty() {
+            return Err(EngineError::Snapshot { reason: "too long" });
+        }
+        if segment_index.max(watch.segment_index) >= self.tract.segments.len() {
+            return Err(EngineError::Snapshot { reason: "a segment that the tract lacks" });
+        }
+        self.step_index = step_index;
+        self.body.set_pose(&pose);
+        self.body.set_twist(&twist);
+        self.gravity_torso_m_s2 = gravity_torso_m_s2;
+        self.wrench_torso = wrench_torso;
+        self.station = self.tract.centre_line.station(arc_length_m);
+        self.offset_m = offset_m;
+        self.specific_force_capsule_m_s2 = specific_force_capsule_m_s2;
+        (self.wall_force_n, self.touching) = (wall_force_n, touching);
+        (self.segment_index, self.left, self.watch) = (segment_index, left, watch);
+        self.events.clear();
+        Ok(())
+    }
+
+    /// FNV-1a over what the engine was built from.
+    fn fingerprint(&self) -> u64 {
+        let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+        let text = format!(
+            "{:?}{:?}{}{}",
+            self.config,
+            self.capsule,
+            self.lumen.motility().fingerprint_text(),
+            self.body.obstacles()
+        );
+        let length = self.tract.length_m().to_bits().to_le_bytes();
+        for byte in text.as_bytes().iter().chain(&length) {
+            hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+        hash
+    }
+}

@@ -1,0 +1,1 @@
+//! Integration tests of the whole project, one binary; one module per promise.
