@@ -48,14 +48,14 @@ pub fn nanoseconds(seconds: f64) -> i64 {
 impl Add<i64> for SimTime {
     type Output = Self;
     fn add(self, nanoseconds: i64) -> Self {
-        Self(self.0 + nanoseconds)
+        Self(self.0.saturating_add(nanoseconds))
     }
 }
 
 impl Sub<i64> for SimTime {
     type Output = Self;
     fn sub(self, nanoseconds: i64) -> Self {
-        Self(self.0 - nanoseconds)
+        Self(self.0.saturating_sub(nanoseconds))
     }
 }
 

@@ -1,20 +1,26 @@
 //! What the filter believes: a nominal state, the covariance of its error, and the time.
 //!
-//! Error columns, in this order: `[δp_world, δθ_capsule, δv_world, δω_capsule, blocks…, clones…]`; blocks in the order in
+//! Error columns, in this order: `[δp_world, δθ_capsule, δv_world, δω, blocks…, clones…]`; blocks in the order in
 //! which they were asked for, clones (6 columns each, `[δp_world, δθ_capsule]` of an earlier pose) by time.
 //!
-//! Prediction over Δt, with `Φ_θ = Exp(-ω g)` and `J = J_r(ω g)` for the gain g of [`AxisStep`]:
+//! **The rate's error is kept in the world frame** (`δω_world`), although the nominal rate and the seam speak of the capsule's:
+//! `δω_capsule = Rᵀ δω_world + [ω]ₓ δθ`, applied where a model's Jacobian comes in. Reason: most sources say nothing about the
+//! roll around their axis. With the rate in the capsule's frame the roll error turns into other directions along the way, each
+//! update is linearised at another estimate, and the filter soon believes to know a roll that nobody measured (the classical
+//! inconsistency of unobservable directions: Huang, Mourikis and Roumeliotis 2010). With the rate in the world frame a roll
+//! error stays one. Both describe the same process, as `d(Rω)/dt = R dω/dt`.
+//!
+//! Prediction over Δt, with g the gain and φ the decay of [`AxisStep`]:
 //!
 //! ```text
-//! p' = p + g v      δp' = δp + g δv           R' = R Exp(ω g)   δθ' = Φ_θ δθ + g J δω
+//! p' = p + g v      δp' = δp + g δv           R' = R Exp(g ω)   δθ' = δθ + g J_r(g ω) Rᵀ δω_world
 //! v' = φ v          δv' = φ δv                ω' = φ ω          δω' = φ δω
 //! ```
 //!
 //! The transition differs from the identity in 12 columns only, so it is applied to rows and columns of the covariance in
 //! place; its cost grows linearly with the number of blocks and clones.
 
-
-use lumenav_core::pose::{exp_so3, right_jacobian_so3, renormalize};
+use lumenav_core::pose::{exp_so3, renormalize, right_jacobian_so3, skew};
 use lumenav_core::{
     AxisStep, BlockSpec, FixKind, Instant, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate, SimTime,
 };
@@ -92,6 +98,11 @@ impl Belief {
         }
     }
 
+    /// `δω_capsule` by the filter's own columns: `[ω]ₓ` for δθ, `Rᵀ` for δω_world.
+    pub fn rate_by_columns(&self) -> (Matrix3<f64>, Matrix3<f64>) {
+        (skew(&self.state.angular_rate_capsule_rad_s), self.capsule_from_world())
+    }
+
     fn first_clone_column(&self) -> usize {
         CORE + self.blocks.iter().map(|block| block.initial.len()).sum::<usize>()
     }
@@ -154,11 +165,14 @@ impl Belief {
         if dt_s <= 0.0 {
             return;
         }
-        let rotation = motion.rotation(dt_s);
-        let turn = self.state.angular_rate_capsule_rad_s * rotation.gain_s;
-        self.turn(&turn, &(right_jacobian_so3(&turn) * rotation.gain_s), rotation.decay);
-        self.add_axis_noise(3, RATE, &rotation);
-        self.state.angular_rate_capsule_rad_s *= rotation.decay;
+        let step = motion.rotation(dt_s);
+        let turn = self.state.angular_rate_capsule_rad_s * step.gain_s;
+        let capsule_from_world = self.capsule_from_world();
+        let of_rate = right_jacobian_so3(&turn) * capsule_from_world * step.gain_s;
+        self.turn(&turn);
+        self.mix_rate(&Matrix3::identity(), &of_rate, &Matrix3::zeros(), &(Matrix3::identity() * step.decay));
+        self.add_rotation_noise(&step);
+        self.state.angular_rate_capsule_rad_s *= step.decay;
         self.translate(dt_s, motion);
         self.walk_blocks(dt_s);
         self.at = to;
@@ -172,67 +186,86 @@ impl Belief {
         }
         let turn = sample.angular_rate_capsule_rad_s * dt_s;
         let jacobian = right_jacobian_so3(&turn) * dt_s;
-        // The old rate says nothing once it is measured: gain and decay 0.
-        self.turn(&turn, &Matrix3::zeros(), 0.0);
-        let bias = sample.bias.as_ref().and_then(|(name, matrix)| {
-            self.columns(&Part::Block(name.clone())).map(|columns| (columns, matrix))
-        });
-        if let Some(((start, width), matrix)) = bias {
-            // δθ' gains J (∂ω/∂b) δb and δω' = (∂ω/∂b) δb: rows, then columns.
-            let of_rate: Matrix3xX<f64> = matrix.fixed_rows::<3>(0).into_owned();
-            let of_angle: Matrix3xX<f64> = jacobian * &of_rate;
-            let rows = self.covariance.rows(start, width).into_owned();
-            self.add_rows(3, &(&of_angle * &rows));
-            self.add_rows(RATE, &(&of_rate * &rows));
-            let columns = self.covariance.columns(start, width).into_owned();
-            self.add_columns(3, &(&columns * of_angle.transpose()));
-            self.add_columns(RATE, &(&columns * of_rate.transpose()));
-        }
-        let angle_noise = jacobian * sample.covariance * jacobian.transpose();
+        let back = exp_so3(&turn).inverse().to_rotation_matrix().into_inner();
+        // The old rate says nothing once it is measured: its rows are forgotten.
+        self.mix_rate(&back, &Matrix3::zeros(), &Matrix3::zeros(), &Matrix3::zeros());
+        self.turn(&turn);
+        self.add_bias(sample, &jacobian);
         let cross = jacobian * sample.covariance;
-        add_block(&mut self.covariance, 3, 3, &angle_noise);
+        add_block(&mut self.covariance, 3, 3, &(cross * jacobian.transpose()));
         add_block(&mut self.covariance, RATE, RATE, &sample.covariance);
         add_block(&mut self.covariance, 3, RATE, &cross);
         add_block(&mut self.covariance, RATE, 3, &cross.transpose());
         self.state.angular_rate_capsule_rad_s = sample.angular_rate_capsule_rad_s;
+        // So far the rate's rows held δω_capsule: δω_world = R (δω_capsule - [ω]ₓ δθ).
+        let world_from_capsule = self.capsule_from_world().transpose();
+        let of_angle = -(world_from_capsule * skew(&sample.angular_rate_capsule_rad_s));
+        self.mix_rate(&Matrix3::identity(), &Matrix3::zeros(), &of_angle, &world_from_capsule);
         self.translate(dt_s, motion);
         self.walk_blocks(dt_s);
         self.at = to;
     }
 
-    /// Rotates the nominal attitude by `turn` and carries `[δθ, δω]` along.
-    fn turn(&mut self, turn: &Vector3<f64>, of_rate: &Matrix3<f64>, decay: f64) {
-        let step = exp_so3(turn);
+    /// `δθ += J (∂ω/∂b) δb` and `δω_capsule += (∂ω/∂b) δb` for the bias block of an inertial sensor.
+    fn add_bias(&mut self, sample: &MotionSample, jacobian: &Matrix3<f64>) {
+        let found = sample.bias.as_ref().and_then(|(name, matrix)| {
+            self.columns(&Part::Block(name.clone())).map(|columns| (columns, matrix))
+        });
+        let Some(((start, width), matrix)) = found else { return };
+        let of_rate: Matrix3xX<f64> = matrix.fixed_rows::<3>(0).into_owned();
+        let of_angle: Matrix3xX<f64> = jacobian * &of_rate;
+        let rows = self.covariance.rows(start, width).into_owned();
+        self.add_rows(3, &(&of_angle * &rows));
+        self.add_rows(RATE, &(&of_rate * &rows));
+        let columns = self.covariance.columns(start, width).into_owned();
+        self.add_columns(3, &(&columns * of_angle.transpose()));
+        self.add_columns(RATE, &(&columns * of_rate.transpose()));
+    }
+
+    /// `world_from_capsule` turned round: the matrix that takes world vectors into the capsule's frame.
+    fn capsule_from_world(&self) -> Matrix3<f64> {
+        self.state.world_from_capsule.rotation.to_rotation_matrix().into_inner().transpose()
+    }
+
+    /// Rotates the nominal attitude by `turn`, rad in the capsule's frame.
+    fn turn(&mut self, turn: &Vector3<f64>) {
         let pose = &mut self.state.world_from_capsule;
-        pose.rotation = renormalize(pose.rotation * step);
-        let back = step.inverse().to_rotation_matrix().into_inner();
-        let n = self.dimension();
-        for j in 0..n {
-            let theta = Vector3::new(self.covariance[(3, j)], self.covariance[(4, j)], self.covariance[(5, j)]);
-            let rate = Vector3::new(
-                self.covariance[(RATE, j)],
-                self.covariance[(RATE + 1, j)],
-                self.covariance[(RATE + 2, j)],
-            );
-            let moved = back * theta + of_rate * rate;
+        pose.rotation = renormalize(pose.rotation * exp_so3(turn));
+    }
+
+    /// `δθ' = A δθ + B δω`, `δω' = C δθ + D δω`, on rows and then columns of the covariance.
+    fn mix_rate(&mut self, a: &Matrix3<f64>, b: &Matrix3<f64>, c: &Matrix3<f64>, d: &Matrix3<f64>) {
+        let p = &mut self.covariance;
+        for j in 0..p.ncols() {
+            let theta = Vector3::new(p[(3, j)], p[(4, j)], p[(5, j)]);
+            let rate = Vector3::new(p[(RATE, j)], p[(RATE + 1, j)], p[(RATE + 2, j)]);
+            let (theta, rate) = (a * theta + b * rate, c * theta + d * rate);
             for i in 0..3 {
-                self.covariance[(3 + i, j)] = moved[i];
-                self.covariance[(RATE + i, j)] = decay * rate[i];
+                p[(3 + i, j)] = theta[i];
+                p[(RATE + i, j)] = rate[i];
             }
         }
-        for j in 0..n {
-            let theta = Vector3::new(self.covariance[(j, 3)], self.covariance[(j, 4)], self.covariance[(j, 5)]);
-            let rate = Vector3::new(
-                self.covariance[(j, RATE)],
-                self.covariance[(j, RATE + 1)],
-                self.covariance[(j, RATE + 2)],
-            );
-            let moved = back * theta + of_rate * rate;
+        for j in 0..p.nrows() {
+            let theta = Vector3::new(p[(j, 3)], p[(j, 4)], p[(j, 5)]);
+            let rate = Vector3::new(p[(j, RATE)], p[(j, RATE + 1)], p[(j, RATE + 2)]);
+            let (theta, rate) = (a * theta + b * rate, c * theta + d * rate);
             for i in 0..3 {
-                self.covariance[(j, 3 + i)] = moved[i];
-                self.covariance[(j, RATE + i)] = decay * rate[i];
+                p[(j, 3 + i)] = theta[i];
+                p[(j, RATE + i)] = rate[i];
             }
         }
+    }
+
+    /// Isotropic noise of the rotation (capsule's frame) and of the rate (world frame), and between them.
+    fn add_rotation_noise(&mut self, step: &AxisStep) {
+        let capsule_from_world = self.capsule_from_world();
+        for i in 0..3 {
+            self.covariance[(3 + i, 3 + i)] += step.noise_pp;
+            self.covariance[(RATE + i, RATE + i)] += step.noise_vv;
+        }
+        let cross = capsule_from_world * step.noise_pv;
+        add_block(&mut self.covariance, 3, RATE, &cross);
+        add_block(&mut self.covariance, RATE, 3, &cross.transpose());
     }
 
     fn translate(&mut self, dt_s: f64, motion: &MotionModel) {
@@ -253,15 +286,11 @@ impl Belief {
                 self.covariance[(j, VELOCITY + i)] *= step.decay;
             }
         }
-        self.add_axis_noise(POSE, VELOCITY, &step);
-    }
-
-    fn add_axis_noise(&mut self, value: usize, rate: usize, step: &AxisStep) {
         for i in 0..3 {
-            self.covariance[(value + i, value + i)] += step.noise_pp;
-            self.covariance[(value + i, rate + i)] += step.noise_pv;
-            self.covariance[(rate + i, value + i)] += step.noise_pv;
-            self.covariance[(rate + i, rate + i)] += step.noise_vv;
+            self.covariance[(i, i)] += step.noise_pp;
+            self.covariance[(i, VELOCITY + i)] += step.noise_pv;
+            self.covariance[(VELOCITY + i, i)] += step.noise_pv;
+            self.covariance[(VELOCITY + i, VELOCITY + i)] += step.noise_vv;
         }
     }
 
@@ -288,9 +317,13 @@ impl Belief {
     /// Moves the nominal state by an error and carries the covariance into the new tangent space: rotation columns are
     /// multiplied by the right Jacobian of the injected rotation.
     pub fn inject(&mut self, error: &DVector<f64>) {
+        let before = self.state.world_from_capsule.rotation;
         self.state.perturb(&Part::Pose(Instant::Now), error.rows(POSE, 6));
         self.state.perturb(&Part::Velocity, error.rows(VELOCITY, 3));
-        self.state.perturb(&Part::AngularRate, error.rows(RATE, 3));
+        let rate_world = before * self.state.angular_rate_capsule_rad_s
+            + Vector3::new(error[RATE], error[RATE + 1], error[RATE + 2]);
+        self.state.angular_rate_capsule_rad_s =
+            self.state.world_from_capsule.rotation.inverse() * rate_world;
         self.reset_rotation(3, error);
         let mut column = CORE;
         for block in &self.blocks {

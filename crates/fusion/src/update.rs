@@ -24,7 +24,7 @@
 //! A strongly nonlinear model is re-linearised (Gauss-Newton on the posterior: Bell and Cathey 1993): with e the error from
 //! the predicted to the current state, b is replaced by b + A e.
 
-use crate::belief::Belief;
+use crate::belief::{Belief, POSE, RATE};
 use lumenav_core::{Linearization, Measurement, ModalityError, Noise, Part};
 use nalgebra::{DMatrix, DVector};
 
@@ -72,33 +72,69 @@ pub fn compress(linearization: &Linearization, belief: &Belief) -> Result<Compre
             compress_residual(residual, jacobian, noise, belief)
         }
         Linearization::Information { parts, gradient, information, .. } => {
-            let columns = columns_of(parts.iter(), belief)?;
-            if columns.len() != gradient.len() || information.shape() != (columns.len(), columns.len()) {
+            let touched = Touched::by(parts.iter(), belief)?;
+            let asked = touched.to_parts.nrows();
+            if asked != gradient.len() || information.shape() != (asked, asked) {
                 return Err(ModalityError::Undefined("information, gradient and parts disagree in size".into()));
             }
             Ok(Compressed {
-                columns,
-                information: information.clone(),
-                gradient: gradient.clone(),
+                information: touched.to_parts.tr_mul(&(information * &touched.to_parts)),
+                gradient: touched.to_parts.tr_mul(gradient),
+                columns: touched.columns,
                 residual_square: None,
             })
         }
     }
 }
 
-fn columns_of<'a>(
-    parts: impl Iterator<Item = &'a Part>,
-    belief: &Belief,
-) -> Result<Vec<usize>, ModalityError> {
-    let mut columns = Vec::with_capacity(12);
-    for part in parts {
-        let (start, width) = belief.columns(part).ok_or_else(|| match part {
-            Part::Block(name) => ModalityError::MissingBlock(name.to_string()),
-            _ => ModalityError::MissingState("the clone that the measurement refers to"),
-        })?;
-        columns.extend(start..start + width);
+/// The filter's columns that a list of parts touches, and how the parts' errors follow from them.
+struct Touched {
+    columns: Vec<usize>,
+    /// Part columns by filter columns: the identity, but for the angular rate (see [`crate::belief`]).
+    to_parts: DMatrix<f64>,
+    /// Whether it is the identity, so that the product can be left out.
+    plain: bool,
+}
+
+impl Touched {
+    fn by<'a>(parts: impl Iterator<Item = &'a Part> + Clone, belief: &Belief) -> Result<Self, ModalityError> {
+        let mut columns = Vec::with_capacity(12);
+        let mut width = 0;
+        let mut plain = true;
+        for part in parts.clone() {
+            let (start, count) = belief.columns(part).ok_or_else(|| match part {
+                Part::Block(name) => ModalityError::MissingBlock(name.to_string()),
+                _ => ModalityError::MissingState("the clone that the measurement refers to"),
+            })?;
+            plain &= *part != Part::AngularRate && !columns.contains(&start);
+            columns.extend(start..start + count);
+            width += count;
+        }
+        if plain {
+            return Ok(Self { columns, to_parts: DMatrix::identity(width, width), plain });
+        }
+        if parts.clone().any(|part| *part == Part::AngularRate) {
+            columns.extend(POSE + 3..POSE + 6);
+        }
+        columns.sort_unstable();
+        columns.dedup();
+        let mut to_parts = DMatrix::zeros(width, columns.len());
+        let place = |column: usize| columns.binary_search(&column).unwrap_or(0);
+        let mut row = 0;
+        for part in parts {
+            // Found above.
+            let Some((start, count)) = belief.columns(part) else { continue };
+            if *part == Part::AngularRate {
+                let (by_angle, by_rate) = belief.rate_by_columns();
+                to_parts.fixed_view_mut::<3, 3>(row, place(POSE + 3)).copy_from(&by_angle);
+                to_parts.fixed_view_mut::<3, 3>(row, place(RATE)).copy_from(&by_rate);
+            } else {
+                (0..count).for_each(|i| to_parts[(row + i, place(start + i))] = 1.0);
+            }
+            row += count;
+        }
+        Ok(Self { columns, to_parts, plain })
     }
-    Ok(columns)
 }
 
 fn compress_residual(
@@ -107,22 +143,31 @@ fn compress_residual(
     noise: &Noise,
     belief: &Belief,
 ) -> Result<Compressed, ModalityError> {
-    let columns = columns_of(jacobian.iter().map(|(part, _)| part), belief)?;
-    let (m, c) = (residual.len(), columns.len());
-    let mut whitened = DMatrix::zeros(m, c + 1);
+    let touched = Touched::by(jacobian.iter().map(|(part, _)| part), belief)?;
+    let (m, asked) = (residual.len(), touched.to_parts.nrows());
+    let mut by_parts = DMatrix::zeros(m, asked + 1);
     let mut column = 0;
     for (_, matrix) in jacobian {
-        if matrix.nrows() != m || column + matrix.ncols() > c {
+        if matrix.nrows() != m || column + matrix.ncols() > asked {
             return Err(ModalityError::Undefined("a Jacobian's shape disagrees with its residual".into()));
         }
-        whitened.columns_mut(column, matrix.ncols()).copy_from(matrix);
+        by_parts.columns_mut(column, matrix.ncols()).copy_from(matrix);
         column += matrix.ncols();
     }
-    if column != c {
+    if column != asked {
         return Err(ModalityError::Undefined("a Jacobian's columns disagree with its part".into()));
     }
-    whitened.set_column(c, residual);
-    whiten(&mut whitened, noise)?;
+    by_parts.set_column(asked, residual);
+    whiten(&mut by_parts, noise)?;
+    let c = touched.columns.len();
+    let whitened = if touched.plain {
+        by_parts
+    } else {
+        let mut product = DMatrix::zeros(m, c + 1);
+        product.columns_mut(0, c).copy_from(&(by_parts.columns(0, asked) * &touched.to_parts));
+        product.set_column(c, &by_parts.column(asked));
+        product
+    };
     let mut information = DMatrix::zeros(c, c);
     let mut gradient = DVector::zeros(c);
     for i in 0..c {
@@ -134,8 +179,8 @@ fn compress_residual(
         }
         gradient[i] = left.dot(&whitened.column(c));
     }
-    let square = whitened.column(c).norm_squared();
-    Ok(Compressed { columns, information, gradient, residual_square: Some((square, m)) })
+    let residual_square = Some((whitened.column(c).norm_squared(), m));
+    Ok(Compressed { columns: touched.columns, information, gradient, residual_square })
 }
 
 /// Multiplies rows by `R^(-1/2)`.

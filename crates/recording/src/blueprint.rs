@@ -165,8 +165,7 @@ pub(crate) fn send(
     let mut writer = Writer { store: &mut store, output, next_id: 0 };
     let left = left_side(&mut writer, layout)?;
     let right = right_side(&mut writer, layout)?;
-    let (_, root) =
-        writer.container(comp::ContainerKind::Horizontal, &[(left, 1.75), (right, 1.0)])?;
+    let (_, root) = writer.container(comp::ContainerKind::Horizontal, &[(left, 1.75), (right, 1.0)])?;
     // Safe to parse: the identifier was formatted as a UUID just above.
     let uuid = rerun::external::re_sdk_types::external::uuid::Uuid::parse_str(&root)
         .map_err(|e| RecordingError::Encode { target: "blueprint".into(), why: e.to_string() })?;
@@ -205,9 +204,8 @@ fn left_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Recordi
     let background =
         arch::Background::new(comp::BackgroundKind::SolidColor).with_color(Color::from_u32(GROUND));
     let grid = arch::LineGrid3D::new().with_visible(false);
-    let mut eye = arch::EyeControls3D::new()
-        .with_kind(comp::Eye3DKind::Orbital)
-        .with_eye_up([0.0_f32, 0.0, 1.0]);
+    let mut eye =
+        arch::EyeControls3D::new().with_kind(comp::Eye3DKind::Orbital).with_eye_up([0.0_f32, 0.0, 1.0]);
     if let Some((position, target)) = layout.eye() {
         eye = eye.with_position(position).with_look_target(target);
     }
@@ -248,8 +246,7 @@ fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Record
     let mut rows = Vec::new();
     let plot = |writer: &mut Writer<'_>, name: &str, origin: &str, top: Option<f64>| {
         let range = top.map(|top| {
-            arch::ScalarAxis::new()
-                .with_range(rerun::external::re_sdk_types::datatypes::Range1D([0.0, top]))
+            arch::ScalarAxis::new().with_range(rerun::external::re_sdk_types::datatypes::Range1D([0.0, top]))
         });
         let mut properties: Vec<(&str, &dyn AsComponents)> =
             vec![("PlotBackground", &background), ("PlotLegend", &legend), ("TimeAxis", &axis)];
@@ -265,15 +262,14 @@ fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Record
     if layout.along_tract {
         rows.push((plot(writer, "Along the tract (m)", "/plots/along_tract", None)?, 0.8));
     }
-    let kind = |kind, visible: bool| {
-        comp::TextLogColumn(TextLogColumn { visible: visible.into(), kind })
-    };
+    let kind = |kind, visible: bool| comp::TextLogColumn(TextLogColumn { visible: visible.into(), kind });
     let columns = arch::TextLogColumns::new().with_text_log_columns([
         kind(TextLogColumnKind::LogLevel, true),
         kind(TextLogColumnKind::EntityPath, false),
         kind(TextLogColumnKind::Body, true),
     ]);
-    let events = writer.view("TextLog", "Events", "/events", &["+ /events/**"], &[("TextLogColumns", &columns)])?;
+    let events =
+        writer.view("TextLog", "Events", "/events", &["+ /events/**"], &[("TextLogColumns", &columns)])?;
     rows.push((events, 0.8));
     Ok(writer.container(comp::ContainerKind::Vertical, &rows)?.0)
 }

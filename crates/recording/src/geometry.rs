@@ -19,8 +19,8 @@ fn quaternion(q: &UnitQuaternion<f64>) -> rerun::Quaternion {
 
 /// The transform of a pose; a position alone keeps the world's axes.
 pub(crate) fn transform(world_from_capsule: &Isometry3<f64>, kind: FixKind) -> rerun::Transform3D {
-    let transform = rerun::Transform3D::update_fields()
-        .with_translation(point_m(&world_from_capsule.translation.vector));
+    let transform =
+        rerun::Transform3D::update_fields().with_translation(point_m(&world_from_capsule.translation.vector));
     match kind {
         FixKind::Position => transform,
         FixKind::Pointing | FixKind::Full => {
@@ -37,7 +37,8 @@ pub(crate) fn solid(
     mode: rerun::FillMode,
 ) -> Vec<SerializedComponentBatch> {
     let radius = body.radius_m as f32;
-    let length = if kind == FixKind::Position { 0.0 } else { (body.length_m - 2.0 * body.radius_m).max(0.0) as f32 };
+    let length =
+        if kind == FixKind::Position { 0.0 } else { (body.length_m - 2.0 * body.radius_m).max(0.0) as f32 };
     // The viewer's capsule starts at the origin and runs along z: turned onto x, and back by half its length.
     let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
     rerun::Capsules3D::from_lengths_and_radii([length], [radius])
@@ -100,7 +101,8 @@ mod tests {
     fn closed_form_region_of_a_turned_covariance() {
         for angles in [[0.3, -1.2, 2.5], [3.0, 0.1, 0.0], [0.0, 0.0, 0.0]] {
             let turn = Rotation3::from_euler_angles(angles[0], angles[1], angles[2]).into_inner();
-            let covariance = turn * Matrix3::from_diagonal(&Vector3::new(1e-6, 4e-6, 9e-6)) * turn.transpose();
+            let covariance =
+                turn * Matrix3::from_diagonal(&Vector3::new(1e-6, 4e-6, 9e-6)) * turn.transpose();
             let (half, rotation) = region_95(&covariance).unwrap();
             let mut sorted: Vec<f64> = half.iter().copied().collect();
             sorted.sort_by(f64::total_cmp);
@@ -109,7 +111,8 @@ mod tests {
             }
             // The axes with the half lengths give the covariance back: nothing was mirrored or swapped.
             let axes = rotation.to_rotation_matrix().into_inner();
-            let again = axes * Matrix3::from_diagonal(&(half / REGION_95_SIGMA).map(|h| h * h)) * axes.transpose();
+            let again =
+                axes * Matrix3::from_diagonal(&(half / REGION_95_SIGMA).map(|h| h * h)) * axes.transpose();
             assert!((again - covariance).abs().max() < 1e-15);
             assert!((axes.determinant() - 1.0).abs() < 1e-12);
         }

@@ -1,9 +1,9 @@
 //! What is in a recording, read back: entities with their rows, and timelines.
 
 use crate::error::RecordingError;
+use rerun::StoreKind;
 use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
-use rerun::StoreKind;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
@@ -32,21 +32,19 @@ pub struct RrdSummary {
 /// [`RecordingError::File`] where it cannot be opened, [`RecordingError::Decode`] where it is no recording or damaged.
 pub fn inspect(path: &Path) -> Result<RrdSummary, RecordingError> {
     let mut summary = RrdSummary::default();
-    visit(path, |message| {
-        match message {
-            Message::Store { kind: StoreKind::Recording, application, recording } => {
-                summary.application = application;
-                summary.recording = recording;
-            }
-            Message::Store { .. } => {}
-            Message::Chunk { kind: StoreKind::Blueprint, chunk } => {
-                summary.blueprint_rows += chunk.num_rows() as u64;
-            }
-            Message::Chunk { chunk, .. } => {
-                summary.chunks += 1;
-                *summary.rows.entry(chunk.entity_path().to_string()).or_default() += chunk.num_rows() as u64;
-                summary.timelines.extend(chunk.timelines().keys().map(ToString::to_string));
-            }
+    visit(path, |message| match message {
+        Message::Store { kind: StoreKind::Recording, application, recording } => {
+            summary.application = application;
+            summary.recording = recording;
+        }
+        Message::Store { .. } => {}
+        Message::Chunk { kind: StoreKind::Blueprint, chunk } => {
+            summary.blueprint_rows += chunk.num_rows() as u64;
+        }
+        Message::Chunk { chunk, .. } => {
+            summary.chunks += 1;
+            *summary.rows.entry(chunk.entity_path().to_string()).or_default() += chunk.num_rows() as u64;
+            summary.timelines.extend(chunk.timelines().keys().map(ToString::to_string));
         }
     })?;
     Ok(summary)

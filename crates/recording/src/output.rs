@@ -5,12 +5,15 @@
 //! equal runs give equal bytes.
 
 use crate::error::RecordingError;
+use rerun::external::arrow::datatypes::Schema;
 use rerun::external::re_build_info::CrateVersion;
 use rerun::external::re_log_encoding::{
-    Decodable as _, Encodable as _, Encoder, EncodingOptions, RrdFooter, StreamFooter, ToTransport,
+    Decodable as _, Encodable as _, Encoder, EncodingOptions, MessageHeader, MessageKind, RawRrdManifest,
+    RrdFooter, StreamFooter, ToApplication as _, ToTransport,
 };
 use rerun::log::LogMsg;
 use rerun::sink::{GrpcSink, LogSink as _};
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
@@ -64,8 +67,11 @@ impl Output {
 
     /// Connects to a viewer and waits until it answers.
     pub(crate) fn viewer(address: &str) -> Result<Self, RecordingError> {
-        let url =
-            if address.contains("://") { address.to_owned() } else { format!("rerun+http://{address}/proxy") };
+        let url = if address.contains("://") {
+            address.to_owned()
+        } else {
+            format!("rerun+http://{address}/proxy")
+        };
         let uri = rerun::external::re_uri::ProxyUri::from_str(&url)
             .map_err(|e| RecordingError::Address { address: address.to_owned(), why: e.to_string() })?;
         let sink = GrpcSink::new(uri);
@@ -136,9 +142,10 @@ impl FileOutput {
 /// The transport form of the footer; the SDK does not export its name.
 type Footer = <RrdFooter as ToTransport>::Output;
 
-/// Puts the parts of the footer (one list of chunks for the recording, one for the blueprint) into a fixed order.
+/// Puts the footer (which lists all chunks, once for the recording and once for the blueprint) into a fixed order.
 ///
-/// The encoder keeps them in a hash map, so that their order differs from run to run; the content is the same.
+/// The encoder collects its parts and their columns in hash maps, so that their order differs from run to run; readers
+/// find both by name.
 fn order_footer(file: &mut File) -> Result<(), Box<dyn std::error::Error>> {
     let size = StreamFooter::ENCODED_SIZE_BYTES;
     let mut tail = vec![0; size];
@@ -151,15 +158,38 @@ fn order_footer(file: &mut File) -> Result<(), Box<dyn std::error::Error>> {
     file.seek(SeekFrom::Start(span.start))?;
     file.read_exact(&mut payload)?;
     let mut footer = Footer::from_rrd_bytes(&payload)?;
-    footer.manifests.sort_by_key(|manifest| format!("{:?}", manifest.store_id));
-    let mut ordered = Vec::with_capacity(payload.len() + size);
-    footer.to_rrd_bytes(&mut ordered)?;
-    if ordered.len() != payload.len() {
-        return Err("the footer changed its size when its parts were put in order".into());
+    for part in &mut footer.manifests {
+        let mut manifest = part.to_application(())?;
+        order_columns(&mut manifest)?;
+        *part = manifest.to_transport(())?;
     }
-    StreamFooter::from_rrd_footer_bytes(span.start, &ordered.clone()).to_rrd_bytes(&mut ordered)?;
-    file.seek(SeekFrom::Start(span.start))?;
-    file.write_all(&ordered)?;
+    footer.manifests.sort_by_key(|manifest| format!("{:?}", manifest.store_id));
+    let mut ordered = Vec::with_capacity(payload.len());
+    footer.to_rrd_bytes(&mut ordered)?;
+    let header_at = span.start - MessageHeader::ENCODED_SIZE_BYTES as u64;
+    let mut end = Vec::with_capacity(ordered.len() + 100);
+    MessageHeader { kind: MessageKind::End, len: ordered.len() as u64 }.to_rrd_bytes(&mut end)?;
+    end.extend_from_slice(&ordered);
+    StreamFooter::from_rrd_footer_bytes(span.start, &ordered).to_rrd_bytes(&mut end)?;
+    file.seek(SeekFrom::Start(header_at))?;
+    file.write_all(&end)?;
+    file.set_len(header_at + end.len() as u64)?;
+    Ok(())
+}
+
+/// Sorts the columns of one part of the footer by name.
+fn order_columns(manifest: &mut RawRrdManifest) -> Result<(), Box<dyn std::error::Error>> {
+    let mut fields: Vec<_> = manifest.sorbet_schema.fields().iter().cloned().collect();
+    fields.sort_by_key(|field| {
+        format!("{} {:?}", field.name(), field.metadata().iter().collect::<BTreeMap<_, _>>())
+    });
+    let metadata = manifest.sorbet_schema.metadata().clone();
+    manifest.sorbet_schema = Schema::new_with_metadata(fields, metadata);
+    manifest.sorbet_schema_sha256 = RawRrdManifest::compute_sorbet_schema_sha256(&manifest.sorbet_schema)?;
+    let schema = manifest.data.schema();
+    let mut order: Vec<usize> = (0..schema.fields().len()).collect();
+    order.sort_by_key(|&i| schema.field(i).name().clone());
+    manifest.data = manifest.data.project(&order)?;
     Ok(())
 }
 

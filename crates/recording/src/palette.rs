@@ -8,8 +8,7 @@ pub(crate) const GROUND: u32 = 0x0d1011ff;
 pub(crate) const BAND: u32 = 0x6b6b6bff;
 
 /// Track colours in the file's order: vermilion, sky blue, bluish green, orange, reddish purple, yellow, blue.
-const TRACKS: [u32; 7] =
-    [0xd55e00ff, 0x56b4e9ff, 0x009e73ff, 0xe69f00ff, 0xcc79a7ff, 0xf0e442ff, 0x0072b2ff];
+const TRACKS: [u32; 7] = [0xd55e00ff, 0x56b4e9ff, 0x009e73ff, 0xe69f00ff, 0xcc79a7ff, 0xf0e442ff, 0x0072b2ff];
 
 /// The colour of the `index`-th track.
 pub(crate) fn track(index: usize) -> u32 {

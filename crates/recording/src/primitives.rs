@@ -155,7 +155,12 @@ mod tests {
 
     #[test]
     fn law_a_mesh_with_a_bad_index_is_drawn_without_that_triangle() {
-        let mesh = mesh(&SceneOwner::World, &[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[[0, 1, 2], [0, 1, 9]], &[]);
+        let mesh = mesh(
+            &SceneOwner::World,
+            &[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            &[[0, 1, 2], [0, 1, 9]],
+            &[],
+        );
         assert_eq!(mesh.num_triangles(), 1);
         assert!(mesh.sanity_check().is_ok());
     }

@@ -19,7 +19,7 @@ use rerun::{AsComponents, Color, EntityPath, SerializedComponentBatch, StoreId};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A plot's line is not drawn over a longer gap between a track's rows than this, and ten times the usual distance.
+/// A plot's line is not drawn over a longer gap between a track's updates than this, ns.
 const GAP_NS: i64 = 1_000_000_000;
 
 /// What to keep.
@@ -66,8 +66,10 @@ struct Drawn {
     solid: Option<FixKind>,
     /// Whether the style of its covariance is written.
     region: bool,
-    /// Time of its last row.
+    /// Time of its last update, kept or not.
     last: Option<SimTime>,
+    /// Whether a gap in its updates came before its next row.
+    gap: bool,
 }
 
 /// An entity that a plugin draws.
@@ -122,7 +124,11 @@ impl RunObserver for RrdRecorder {
 }
 
 impl Run {
-    fn start(header: &RunHeader, options: RecorderOptions, output: &mut Output) -> Result<Self, RecordingError> {
+    fn start(
+        header: &RunHeader,
+        options: RecorderOptions,
+        output: &mut Output,
+    ) -> Result<Self, RecordingError> {
         let id = format!("{}-seed{}-trial{}", header.scenario, header.seed, header.trial);
         let mut store = Store::open(StoreId::recording("lumenav", id), output)?;
         let name = rerun::RecordingInfo::update_fields()
@@ -134,7 +140,9 @@ impl Run {
             .tracks
             .iter()
             .enumerate()
-            .map(|(i, t)| (t.name.clone(), Drawn::new(format!("world/tracks/{}", t.name), "pose", palette::track(i))))
+            .map(|(i, t)| {
+                (t.name.clone(), Drawn::new(format!("world/tracks/{}", t.name), "pose", palette::track(i)))
+            })
             .collect();
         let mut layout = Layout { has_truth: header.has_truth, ..Layout::default() };
         layout.paths = tracks.values().map(|t| entity(&format!("{}/path", t.root)).to_string()).collect();
@@ -245,8 +253,16 @@ impl Run {
             return Ok(());
         }
         let time = time_point(truth.at, None);
-        let mut bytes = self.truth.move_to(&mut self.store, output, &self.header, &time, &truth.world_from_capsule, FixKind::Full)?;
-        bytes += self.truth.walk(&mut self.store, output, truth.at, &truth.world_from_capsule, self.pace.full)?;
+        let mut bytes = self.truth.move_to(
+            &mut self.store,
+            output,
+            &self.header,
+            &time,
+            &truth.world_from_capsule,
+            FixKind::Full,
+        )?;
+        bytes +=
+            self.truth.walk(&mut self.store, output, truth.at, &truth.world_from_capsule, self.pace.full)?;
         if let Some(arc_m) = truth.arc_length_m {
             self.layout.along_tract = true;
             bytes += self.plot(output, "along_tract", "truth", &time, arc_m)?;
@@ -265,17 +281,27 @@ impl Run {
         if update.started {
             drawn.lift(&mut self.store, output, estimate.at)?;
         }
+        let last = drawn.last.replace(estimate.at);
+        drawn.gap |= last.is_some_and(|last| estimate.at - last > GAP_NS);
         if !drawn.gate.is_open(at_s) {
             return Ok(());
         }
-        if drawn.last.replace(estimate.at).is_some_and(|last| estimate.at - last > GAP_NS) {
-            self.break_lines(output, update.track, estimate.at)?;
+        if std::mem::take(&mut drawn.gap) {
+            self.break_lines(output, update)?;
         }
         let Some(drawn) = self.tracks.get_mut(update.track) else { return Ok(()) };
         let time = time_point(estimate.at, Some(update.update));
         let pose = &estimate.pose;
-        let mut bytes = drawn.move_to(&mut self.store, output, &self.header, &time, &pose.world_from_capsule, pose.kind)?;
-        bytes += drawn.walk(&mut self.store, output, estimate.at, &pose.world_from_capsule, self.pace.full)?;
+        let mut bytes = drawn.move_to(
+            &mut self.store,
+            output,
+            &self.header,
+            &time,
+            &pose.world_from_capsule,
+            pose.kind,
+        )?;
+        bytes +=
+            drawn.walk(&mut self.store, output, estimate.at, &pose.world_from_capsule, self.pace.full)?;
         let centre = pose.world_from_capsule.translation.vector;
         if !drawn.region {
             drawn.region = true;
@@ -301,13 +327,13 @@ impl Run {
     }
 
     /// After a gap the plots' lines begin anew: nothing was known in between.
-    fn break_lines(&mut self, output: &mut Output, track: &Name, at: SimTime) -> Result<(), RecordingError> {
-        if !self.header.has_truth {
+    fn break_lines(&mut self, output: &mut Output, update: &TrackUpdate<'_>) -> Result<(), RecordingError> {
+        if update.error.is_none() {
             return Ok(());
         }
-        let before = time_point(at - 1, None);
+        let before = time_point(update.estimate.at - 1, Some(update.update));
         for plot in ["error", "nees"] {
-            self.plot(output, plot, track, &before, f64::NAN)?;
+            self.plot(output, plot, update.track, &before, f64::NAN)?;
         }
         Ok(())
     }
@@ -319,7 +345,8 @@ impl Run {
         time: &TimePoint,
     ) -> Result<usize, RecordingError> {
         let Some(error) = update.error else { return Ok(0) };
-        let mut bytes = self.plot(output, "error", update.track, time, 1e3 * error.position_world_m.norm())?;
+        let mut bytes =
+            self.plot(output, "error", update.track, time, 1e3 * error.position_world_m.norm())?;
         if let Some(nees) = error.nees {
             bytes += self.plot(output, "nees", update.track, time, nees)?;
             if nees.is_finite() {
@@ -332,7 +359,9 @@ impl Run {
                 self.draw_band(output, n, update.estimate.at)?;
             }
         }
-        if let (Some(along_m), Some(true_m)) = (error.along_tract_m, update.truth.and_then(|t| t.arc_length_m)) {
+        if let (Some(along_m), Some(true_m)) =
+            (error.along_tract_m, update.truth.and_then(|t| t.arc_length_m))
+        {
             bytes += self.plot(output, "along_tract", update.track, time, true_m + along_m)?;
         }
         Ok(bytes)
@@ -428,7 +457,17 @@ impl Run {
 
 impl Drawn {
     fn new(root: String, pose: &'static str, colour: u32) -> Self {
-        Self { root, pose, colour, gate: Gate::new(), trail: Trail::default(), solid: None, region: false, last: None }
+        Self {
+            root,
+            pose,
+            colour,
+            gate: Gate::new(),
+            trail: Trail::default(),
+            solid: None,
+            region: false,
+            last: None,
+            gap: false,
+        }
     }
 
     /// Puts the solid at a pose; draws it first where that has not happened, or where more is known than before.
@@ -503,13 +542,14 @@ impl Drawn {
 /// Kind of a refusal and its line.
 fn refusal(why: &Refusal) -> (&'static str, String) {
     match why {
-        Refusal::Gate { chi_square, degrees_of_freedom, threshold, .. } => (
-            "gate",
-            format!("chi² {chi_square:.0} > {threshold:.0} ({degrees_of_freedom:.0} dof)"),
-        ),
+        Refusal::Gate { chi_square, degrees_of_freedom, threshold, .. } => {
+            ("gate", format!("chi² {chi_square:.0} > {threshold:.0} ({degrees_of_freedom:.0} dof)"))
+        }
         Refusal::TooLate { by_s } => ("too late", format!("{:.0} ms too late", 1e3 * by_s)),
         Refusal::FrontEnd { why } => ("front end", why.clone()),
-        Refusal::NotStarted => ("not started", "the filter has not started and this cannot start it".to_owned()),
+        Refusal::NotStarted => {
+            ("not started", "the filter has not started and this cannot start it".to_owned())
+        }
         Refusal::ContainsPrior => ("contains prior", "its value contains the prior".to_owned()),
         Refusal::Failed { why } => ("failed", why.clone()),
     }

@@ -95,9 +95,9 @@ impl Store {
     ) -> Result<(), RecordingError> {
         let row = RowId::from_tuid(Tuid::from_nanos_and_inc(0, self.next_row));
         self.next_row += 1;
-        // A chunk holds either rows with a time or rows for all times.
+        // All rows of a chunk are on the same timelines (none: they hold for all times).
         let pending = self.pending.entry(path.clone()).or_default();
-        if pending.rows.last().is_some_and(|(_, time, _)| time.is_static() != at.is_static()) {
+        if pending.rows.last().is_some_and(|(_, time, _)| !time.timeline_names().eq(at.timeline_names())) {
             self.flush_entity(output, path)?;
         }
         let pending = self.pending.entry(path.clone()).or_default();

@@ -77,7 +77,8 @@ mod tests {
     #[test]
     fn closed_form_a_capsule_at_rest_costs_nothing() {
         let mut trail = Trail::default();
-        let pieces = (0..1000).filter_map(|i| trail.push(SimTime(i * 100_000_000), [0.1, 0.2, 0.3], false)).count();
+        let pieces =
+            (0..1000).filter_map(|i| trail.push(SimTime(i * 100_000_000), [0.1, 0.2, 0.3], false)).count();
         assert_eq!(pieces, 0);
         assert!(trail.lift().is_none());
     }

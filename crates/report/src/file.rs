@@ -45,9 +45,14 @@ impl OutputFile {
     /// Flushes to the disk; a file beside its name gets it.
     pub(crate) fn finish(&mut self) -> Result<(), ReportError> {
         self.writer.flush().map_err(ReportError::file("cannot write", &self.path))?;
-        self.writer.get_ref().sync_all().or_else(ignore_no_disk).map_err(ReportError::file("cannot write", &self.path))?;
+        self.writer
+            .get_ref()
+            .sync_all()
+            .or_else(ignore_no_disk)
+            .map_err(ReportError::file("cannot write", &self.path))?;
         if let Some(part) = self.part.take() {
-            std::fs::rename(&part, &self.path).map_err(ReportError::file("cannot rename into", &self.path))?;
+            std::fs::rename(&part, &self.path)
+                .map_err(ReportError::file("cannot rename into", &self.path))?;
         }
         Ok(())
     }
@@ -91,7 +96,12 @@ pub(crate) fn nanoseconds_of(text: &str) -> Option<i64> {
     };
     let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
     let plain = |part: &str| part.bytes().all(|b| b.is_ascii_digit());
-    if digits.is_empty() || !plain(whole) || !plain(fraction) || fraction.len() > 9 || (whole.is_empty() && fraction.is_empty()) {
+    if digits.is_empty()
+        || !plain(whole)
+        || !plain(fraction)
+        || fraction.len() > 9
+        || (whole.is_empty() && fraction.is_empty())
+    {
         // Exponents and longer fractions: as good as f64 can tell.
         let nanoseconds = text.parse::<f64>().ok()? * 1e9;
         return (nanoseconds.abs() < 9.2e18).then_some(nanoseconds.round() as i64);
@@ -104,7 +114,11 @@ pub(crate) fn nanoseconds_of(text: &str) -> Option<i64> {
 
 /// A CSV cell; quoted where it must be.
 pub(crate) fn csv_cell(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
 }
 
 #[cfg(test)]

@@ -32,8 +32,7 @@ impl RunFolder {
         std::fs::create_dir_all(parent).map_err(ReportError::file("cannot create folder", parent))?;
         let mut attempt = 0_u32;
         let temporary = loop {
-            let hidden =
-                format!(".{}.partial-{}-{attempt}", name.to_string_lossy(), std::process::id());
+            let hidden = format!(".{}.partial-{}-{attempt}", name.to_string_lossy(), std::process::id());
             let path = parent.join(hidden);
             match std::fs::create_dir(&path) {
                 Ok(()) => break path,
@@ -81,7 +80,8 @@ impl RunFolder {
         }
         self.finished = true;
         if let Some(aside) = old {
-            let removed = if aside.is_dir() { std::fs::remove_dir_all(&aside) } else { std::fs::remove_file(&aside) };
+            let removed =
+                if aside.is_dir() { std::fs::remove_dir_all(&aside) } else { std::fs::remove_file(&aside) };
             removed.map_err(ReportError::file("cannot remove", &aside))?;
         }
         Ok(self.target.clone())

@@ -29,9 +29,13 @@ mod writer;
 
 pub use error::ReportError;
 pub use folder::RunFolder;
-pub use log::{EventsObserver, Logged, LoggedEvent, WorstChannel, for_each_event, read_events, refusal_reason};
+pub use log::{
+    EventsObserver, Logged, LoggedEvent, WorstChannel, for_each_event, read_events, refusal_reason,
+};
 pub use manifest::{FileEntry, Machine, Manifest, read_json, write_manifest};
-pub use metrics::{AxisError, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis, TrackMetrics};
+pub use metrics::{
+    AxisError, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis, TrackMetrics,
+};
 pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
 pub use timing::{Timing, TimingObserver, TrackTiming};

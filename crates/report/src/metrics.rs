@@ -200,7 +200,8 @@ impl Collector {
 
     fn per_axis(&self) -> Option<PerAxis> {
         let n = self.axis_count as f64;
-        let axis = |i: usize| AxisError { bias: self.axis_sums[i] / n, rmse: (self.axis_squares[i] / n).sqrt() };
+        let axis =
+            |i: usize| AxisError { bias: self.axis_sums[i] / n, rmse: (self.axis_squares[i] / n).sqrt() };
         (self.axis_count > 0).then(|| PerAxis { x: axis(0), y: axis(1), z: axis(2) })
     }
 

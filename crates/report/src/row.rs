@@ -134,7 +134,9 @@ impl TrackRow {
         let get = |name: &str| self.number(name).filter(|x| x.is_finite());
         let position = Translation3::new(get("x_m")?, get("y_m")?, get("z_m")?);
         let rotation = match (get("qx"), get("qy"), get("qz"), get("qw")) {
-            (Some(x), Some(y), Some(z), Some(w)) => UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-3)?,
+            (Some(x), Some(y), Some(z), Some(w)) => {
+                UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-3)?
+            }
             _ => UnitQuaternion::identity(),
         };
         Some(StampedPose {

@@ -10,8 +10,8 @@
 use crate::error::ReportError;
 use crate::row::{COVARIANCE_LENGTH, NUMBERS, TrackRow};
 use arrow::array::{
-    Array, ArrayRef, BooleanArray, FixedSizeListArray, Float64Array, Int64Array, RecordBatch, StringArray, UInt8Array,
-    UInt64Array,
+    Array, ArrayRef, BooleanArray, FixedSizeListArray, Float64Array, Int64Array, RecordBatch, StringArray,
+    UInt8Array, UInt64Array,
 };
 use arrow::datatypes::{DataType, Field, Schema};
 use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver};
@@ -73,7 +73,12 @@ fn batch(rows: &[TrackRow], schema: &Arc<Schema>) -> Result<RecordBatch, arrow::
     }
     let flat = Float64Array::from_iter_values(rows.iter().flat_map(|r| r.covariance));
     let item = Arc::new(Field::new("item", DataType::Float64, false));
-    columns.push(Arc::new(FixedSizeListArray::try_new(item, COVARIANCE_LENGTH as i32, Arc::new(flat), None)?));
+    columns.push(Arc::new(FixedSizeListArray::try_new(
+        item,
+        COVARIANCE_LENGTH as i32,
+        Arc::new(flat),
+        None,
+    )?));
     RecordBatch::try_new(schema.clone(), columns)
 }
 

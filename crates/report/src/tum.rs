@@ -100,7 +100,10 @@ impl TumFile {
             self.file.line(&held.tum_line())?;
         }
         if self.left_out > 0 {
-            self.file.line(&format!("# {} poses left out: not finite, or older than the one before", self.left_out))?;
+            self.file.line(&format!(
+                "# {} poses left out: not finite, or older than the one before",
+                self.left_out
+            ))?;
         }
         self.file.finish()
     }

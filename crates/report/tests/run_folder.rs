@@ -8,8 +8,8 @@ use lumenav_core::frame::ColumnKind;
 use lumenav_core::{Column, ColumnSpec, Frame, Reading, Rows, Schema, SimTime};
 use lumenav_pipeline::{RunEvent, RunObserver};
 use lumenav_report::{
-    Logged, Manifest, Metrics, ReadingsObserver, ReportError, RunFolder, RunWriter, Timing, WriterOptions, read_events,
-    read_json, read_tracks, read_tum, write_csv, write_kitti, write_tum,
+    Logged, Manifest, Metrics, ReadingsObserver, ReportError, RunFolder, RunWriter, Timing, WriterOptions,
+    read_events, read_json, read_tracks, read_tum, write_csv, write_kitti, write_tum,
 };
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
@@ -69,7 +69,9 @@ fn law_the_folder_appears_whole_with_all_files() {
 fn law_two_equal_runs_differ_in_timing_alone() {
     let folder = tempfile::tempdir().unwrap();
     let (a, b) = (run(&folder.path().join("a")), run(&folder.path().join("b")));
-    for name in ["events.jsonl", "magnetic.tum", "manifest.json", "metrics.json", "tracks.parquet", "truth.tum"] {
+    for name in
+        ["events.jsonl", "magnetic.tum", "manifest.json", "metrics.json", "tracks.parquet", "truth.tum"]
+    {
         assert!(std::fs::read(a.join(name)).unwrap() == std::fs::read(b.join(name)).unwrap(), "{name}");
     }
 }
@@ -102,12 +104,19 @@ fn law_tum_round_trips_and_equals_the_truth() {
 fn closed_form_kitti_is_the_upper_part_of_the_matrix() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
-    let quarter = Isometry3::new(nalgebra::Vector3::new(1.0, 2.0, 3.0), nalgebra::Vector3::z() * std::f64::consts::FRAC_PI_2);
-    write_kitti(&path, &[lumenav_report::StampedPose { at: SimTime(0), world_from_capsule: quarter }]).unwrap();
+    let quarter = Isometry3::new(
+        nalgebra::Vector3::new(1.0, 2.0, 3.0),
+        nalgebra::Vector3::z() * std::f64::consts::FRAC_PI_2,
+    );
+    write_kitti(&path, &[lumenav_report::StampedPose { at: SimTime(0), world_from_capsule: quarter }])
+        .unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let numbers: Vec<f64> = text.split_whitespace().map(|x| x.parse().unwrap()).collect();
     let expected = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0];
-    assert!(numbers.len() == 12 && numbers.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{numbers:?}");
+    assert!(
+        numbers.len() == 12 && numbers.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12),
+        "{numbers:?}"
+    );
 }
 
 #[test]
@@ -155,7 +164,10 @@ fn closed_form_tracks_parquet_holds_every_update() {
     for (a, b) in truth.iter().zip(&pet) {
         let b = b.stamped_pose().unwrap();
         assert_eq!(a.at, b.at);
-        assert!((a.world_from_capsule.translation.vector - b.world_from_capsule.translation.vector).norm() < 2e-12);
+        assert!(
+            (a.world_from_capsule.translation.vector - b.world_from_capsule.translation.vector).norm()
+                < 2e-12
+        );
     }
     let csv = folder.path().join("a.csv");
     write_csv(&csv, &rows).unwrap();
@@ -186,7 +198,8 @@ fn closed_form_metrics_follow_from_the_known_error() {
     let metrics: Metrics = read_json(&out.join("metrics.json")).unwrap();
     assert_eq!((metrics.schema, metrics.seed, metrics.duration_s), (1, 7, 30.0));
     let track = &metrics.tracks["magnetic"];
-    let times: Vec<f64> = (0..300).map(|i| f64::from(i) / 10.0).filter(|t| !(20.0..22.0).contains(t)).collect();
+    let times: Vec<f64> =
+        (0..300).map(|i| f64::from(i) / 10.0).filter(|t| !(20.0..22.0).contains(t)).collect();
     let norm = |t: f64| ((1.7 * t).sin().powi(2) + (2.9 * t).cos().powi(2) + (0.8 * t).sin().powi(2)).sqrt();
     let n = times.len() as f64;
     let mean = times.iter().map(|t| norm(*t)).sum::<f64>() / n;
@@ -209,7 +222,13 @@ fn closed_form_metrics_follow_from_the_known_error() {
     assert_eq!(track.nis.unwrap().dof, 48.0);
     assert!(track.verdict.is_some());
     let text = std::fs::read_to_string(out.join("metrics.json")).unwrap();
-    for key in ["\"position_error_mm\"", "\"nees\"", "\"inside_95\"", "\"latency_ms\"", "\"attitude_error_deg\": null"] {
+    for key in [
+        "\"position_error_mm\"",
+        "\"nees\"",
+        "\"inside_95\"",
+        "\"latency_ms\"",
+        "\"attitude_error_deg\": null",
+    ] {
         assert!(text.contains(key), "{key}");
     }
 }
@@ -220,11 +239,14 @@ fn law_events_round_trip_with_their_figures() {
     let out = run(&folder.path().join("out"));
     let events = read_events(&out.join("events.jsonl")).unwrap();
     assert_eq!(events.len(), 1 + 40);
-    let Logged::Refused { track, reason, chi_square, worst, .. } = &events[1].what else { panic!("{:?}", events[1]) };
+    let Logged::Refused { track, reason, chi_square, worst, .. } = &events[1].what else {
+        panic!("{:?}", events[1])
+    };
     assert_eq!((track.as_str(), reason.as_str(), *chi_square), ("magnetic", "gate", Some(120.0)));
     assert_eq!((worst[0].channel, worst[0].standardised), (3, 7.0));
     let path = folder.path().join("bad.jsonl");
-    std::fs::write(&path, "{\"t_ns\":0,\"event\":\"note\",\"source\":\"world\",\"text\":\"x\"}\n{}\n").unwrap();
+    std::fs::write(&path, "{\"t_ns\":0,\"event\":\"note\",\"source\":\"world\",\"text\":\"x\"}\n{}\n")
+        .unwrap();
     assert!(read_events(&path).unwrap_err().to_string().contains("bad.jsonl:2: no event"));
 }
 
@@ -256,7 +278,9 @@ fn law_readings_read_back_to_the_same_bits() {
     let jpeg = vec![0xff, 0xd8, 1, 2, 3];
     let image = Frame::new(image_schema, vec![Column::Bytes(jpeg.clone())], vec![true]).unwrap();
     for (sensor, frame) in [("belt", flux), ("scanner", lines), ("camera", image)] {
-        observer.on(&RunEvent::Reading { reading: &reading(sensor, 0.000_000_001, frame), labels: None }).unwrap();
+        observer
+            .on(&RunEvent::Reading { reading: &reading(sensor, 0.000_000_001, frame), labels: None })
+            .unwrap();
     }
     observer.finish().unwrap();
     let text = |name: &str| std::fs::read_to_string(folder.path().join("readings").join(name)).unwrap();

@@ -1,9 +1,11 @@
 //! A run made of closed forms: a capsule on a helix in a tube, 16 magnetometers below it, one track with a known error.
 
-use lumenav_core::{CapsuleBody, CapsuleTruth, FixKind, Name, PoseEstimate, Primitive, PublishedEstimate, SimTime};
+use lumenav_core::{
+    CapsuleBody, CapsuleTruth, FixKind, Name, PoseEstimate, Primitive, PublishedEstimate, SimTime,
+};
 use lumenav_pipeline::{
-    ObserverError, Refusal, RunEvent, RunHeader, RunObserver, SceneOwner, SensorHeader, TrackHeader, TrackUpdate,
-    UpdateError,
+    ObserverError, Refusal, RunEvent, RunHeader, RunObserver, SceneOwner, SensorHeader, TrackHeader,
+    TrackUpdate, UpdateError,
 };
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
 
@@ -82,8 +84,12 @@ pub fn tube(duration_s: f64) -> Primitive {
     for ring in 0..rings - 1 {
         for side in 0..sides {
             let next = (side + 1) % sides;
-            let [a, b, c, d] =
-                [ring * sides + side, ring * sides + next, (ring + 1) * sides + side, (ring + 1) * sides + next];
+            let [a, b, c, d] = [
+                ring * sides + side,
+                ring * sides + next,
+                (ring + 1) * sides + side,
+                (ring + 1) * sides + next,
+            ];
             triangles.push([a as u32, c as u32, b as u32]);
             triangles.push([b as u32, c as u32, d as u32]);
         }
@@ -122,7 +128,12 @@ fn sensors(at: SimTime) -> Vec<Primitive> {
             rgba: vec![0xb8b8b8ff],
             radius_m: 0.004,
         },
-        Primitive::Arrows { path: "flux".into(), origins_world_m: origins, vectors_m: vectors, rgba: vec![0x7fb8e6ff] },
+        Primitive::Arrows {
+            path: "flux".into(),
+            origins_world_m: origins,
+            vectors_m: vectors,
+            rgba: vec![0x7fb8e6ff],
+        },
     ]
 }
 
@@ -147,7 +158,11 @@ pub fn play(
         let truth = truth(at);
         observer.on(&RunEvent::Truth(&truth))?;
         let belt: Name = "belt".into();
-        observer.on(&RunEvent::Scene { at, owner: &SceneOwner::Sensor(belt.clone()), primitives: &sensors(at) })?;
+        observer.on(&RunEvent::Scene {
+            at,
+            owner: &SceneOwner::Sensor(belt.clone()),
+            primitives: &sensors(at),
+        })?;
         for (index, name) in tracks.iter().enumerate() {
             step_track(observer, &truth, index, name, step, &belt)?;
         }
