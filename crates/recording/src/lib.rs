@@ -24,8 +24,6 @@
 //!
 //! Two equal runs give recordings with equal bytes: the recorder names rows and chunks by counting, never by the clock.
 
-#![expect(clippy::disallowed_types, reason = "world side: a recording shows the truth beside the estimates")]
-
 mod blueprint;
 mod bursts;
 mod error;

@@ -109,7 +109,9 @@ impl TrackRow {
                 ("attitude_error_deg", error.attitude_rad.map(f64::to_degrees)),
                 ("along_tract_error_mm", error.along_tract_m.map(|m| 1e3 * m)),
             ] {
-                value.into_iter().for_each(|value| row.set(name, &[value]));
+                if let Some(value) = value {
+                    row.set(name, &[value]);
+                }
             }
         }
         row

@@ -65,8 +65,8 @@ fn batch(rows: &[TrackRow], schema: &Arc<Schema>) -> Result<RecordBatch, arrow::
         Arc::new(Int64Array::from_iter_values(rows.iter().map(|r| r.available_ns))),
         Arc::new(UInt8Array::from_iter_values(rows.iter().map(|r| r.pose_dof))),
         Arc::new(rows.iter().map(|r| r.nees_dof).collect::<UInt8Array>()),
-        Arc::new(BooleanArray::from_iter(rows.iter().map(|r| Some(r.started)))),
-        Arc::new(BooleanArray::from_iter(rows.iter().map(|r| Some(r.valid)))),
+        Arc::new(rows.iter().map(|r| Some(r.started)).collect::<BooleanArray>()),
+        Arc::new(rows.iter().map(|r| Some(r.valid)).collect::<BooleanArray>()),
     ];
     for i in 0..NUMBERS.len() {
         columns.push(Arc::new(rows.iter().map(|r| r.numbers[i]).collect::<Float64Array>()));

@@ -10,8 +10,6 @@
 //! stand in the file and is counted in a comment at its end (`tracks.parquet` has them all). A track that estimates no
 //! attitude has the identity.
 
-#![expect(clippy::disallowed_types, reason = "world side: the truth is exported beside the estimates")]
-
 use crate::error::ReportError;
 use crate::file::{OutputFile, nanoseconds_of, seconds_text};
 use lumenav_core::{FixKind, Name, SimTime};

@@ -1,5 +1,6 @@
 //! From a scenario file to its world.
 
+use crate::engine_world::{self, EngineWorld};
 use crate::error::ScenarioError;
 use crate::file::ScenarioFile;
 use crate::kinematic::{self, TruthTable};
@@ -29,6 +30,11 @@ pub fn build_world(file: &ScenarioFile, seed: u64, trial: u64) -> Result<BuiltWo
         let table: TruthTable = truth.parse()?;
         let streams = RandomStreams::new(seed, trial, kinematic::COMPONENT);
         return Ok(BuiltWorld { world: kinematic::build(&table, &truth, &streams)?, map: None });
+    }
+    if let Some(table) = &file.tract {
+        let streams = RandomStreams::new(seed, trial, engine_world::COMPONENT);
+        let (world, tract) = EngineWorld::new(file, table, &streams)?;
+        return Ok(BuiltWorld { world: Box::new(world), map: Some(tract) });
     }
     let message = "the scenario has neither a [truth] (kinematic) nor a [tract] (engine)";
     Err(node.error(message).into())

@@ -6,8 +6,10 @@
 
 use crate::channels::{Channel, Channels};
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
+use lumenav_core::pose::exp_so3;
 use lumenav_core::{ConfigError, Node};
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Vector3};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -27,18 +29,19 @@ pub enum Axes {
 }
 
 impl Axes {
-    fn unit_vectors(self) -> &'static [(char, Vector3<f64>)] {
-        const X: (char, Vector3<f64>) = ('x', Vector3::new(1.0, 0.0, 0.0));
-        const Y: (char, Vector3<f64>) = ('y', Vector3::new(0.0, 1.0, 0.0));
-        const Z: (char, Vector3<f64>) = ('z', Vector3::new(0.0, 0.0, 1.0));
+    /// Indices of the axes: 0 for x, 1 for y, 2 for z.
+    pub fn indices(self) -> &'static [usize] {
         match self {
-            Self::Xyz => &[X, Y, Z],
-            Self::X => &[X],
-            Self::Y => &[Y],
-            Self::Z => &[Z],
+            Self::Xyz => &[0, 1, 2],
+            Self::X => &[0],
+            Self::Y => &[1],
+            Self::Z => &[2],
         }
     }
 }
+
+/// Names of the axes in channel labels.
+const AXIS_NAMES: [char; 3] = ['x', 'y', 'z'];
 
 /// `[array]`: what all sensors of the array have in common.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -107,13 +110,12 @@ struct RingTable {
     first_angle_deg: Finite,
 }
 
-/// The whole file, for its unknown keys.
-#[derive(Debug, Serialize, Deserialize)]
+/// The whole file.
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ArrayFile {
-    #[serde(skip_serializing)]
-    #[expect(dead_code, reason = "named here so that unknown tables are refused; parsed one by one below")]
-    array: serde::de::IgnoredAny,
+    #[expect(dead_code, reason = "named here, so that it is no unknown table; parsed by itself for the log")]
+    array: IgnoredAny,
     #[serde(default)]
     sensor: Vec<SensorTable>,
     #[serde(default)]
@@ -122,6 +124,24 @@ struct ArrayFile {
     line: Vec<LineTable>,
     #[serde(default)]
     ring: Vec<RingTable>,
+}
+
+/// Entry `index` of `[[kind]]`: where an error is reported.
+#[derive(Clone, Copy)]
+struct Entry {
+    kind: &'static str,
+    index: usize,
+}
+
+impl Entry {
+    fn error(self, file: &Node, key: Option<&str>, message: &str) -> ConfigError {
+        let entries = file.children(self.kind).unwrap_or_default();
+        match (entries.get(self.index), key) {
+            (Some(entry), Some(key)) => entry.error_at(key, message),
+            (Some(entry), None) => entry.error(message),
+            (None, _) => file.error_at(self.kind, message),
+        }
+    }
 }
 
 /// One magnetometer in the array's frame.
@@ -151,14 +171,92 @@ pub struct SensorArray {
 
 /// More sensors than this are a typing error.
 const MAX_SENSORS: usize = 10_000;
+/// Positions beyond this are a typing error: no field of a capsule's magnet is measured at a hundred metres.
+pub(crate) const MAX_DISTANCE_M: f64 = 100.0;
+/// Sensors nearer to each other than this stand at one place.
+const SAME_PLACE_M: f64 = 1e-6;
 
 fn vector_m(mm: &[Finite; 3]) -> Vector3<f64> {
-    Vector3::new(mm[0].0, mm[1].0, mm[2].0) * 1e-3
+    Vector3::from(mm.map(|v| v.0)) * 1e-3
 }
 
 /// `i` of `count` points from -1/2 to 1/2, ends included; a single point stands in the middle.
 fn centred(i: u32, count: u32) -> f64 {
     if count < 2 { 0.0 } else { f64::from(i) / f64::from(count - 1) - 0.5 }
+}
+
+/// Sensors collected from a file, each with the entry that placed it.
+struct Places<'a> {
+    file: &'a Node,
+    axes: Axes,
+    sensors: Vec<Magnetometer>,
+    entries: Vec<Entry>,
+}
+
+impl Places<'_> {
+    fn add(&mut self, entry: Entry, pose: Isometry3<f64>, axes: Axes) -> Result<(), ConfigError> {
+        if pose.translation.vector.amax() > MAX_DISTANCE_M {
+            let message = format!("a sensor more than {MAX_DISTANCE_M} m from the array's origin");
+            return Err(entry.error(self.file, None, &message));
+        }
+        if self.sensors.len() >= MAX_SENSORS {
+            return Err(entry.error(self.file, None, &format!("more than {MAX_SENSORS} sensors in all")));
+        }
+        self.sensors.push(Magnetometer { pose, axes });
+        self.entries.push(entry);
+        Ok(())
+    }
+
+    /// Sensors along the array's axes, as generators place them; `count` of them before any are left out.
+    fn add_all(
+        &mut self,
+        entry: Entry,
+        count: u32,
+        places: impl Iterator<Item = Vector3<f64>>,
+    ) -> Result<(), ConfigError> {
+        if count == 0 || count as usize > MAX_SENSORS {
+            let message = format!("{count} sensors; 1 to {MAX_SENSORS} are allowed");
+            return Err(entry.error(self.file, None, &message));
+        }
+        for position in places {
+            self.add(entry, Translation3::from(position).into(), self.axes)?;
+        }
+        Ok(())
+    }
+
+    /// Two sensors at one place that are one sensor counted twice. Two single-axis sensors may share a place.
+    fn refuse_twins(&self) -> Result<(), ConfigError> {
+        for (i, a) in self.sensors.iter().enumerate() {
+            let twin = self.sensors[..i].iter().position(|b| {
+                let distance = (a.pose.translation.vector - b.pose.translation.vector).norm();
+                distance < SAME_PLACE_M && (a.axes == Axes::Xyz || b.axes == Axes::Xyz)
+            });
+            if let Some(j) = twin {
+                let message = format!("sensors {j} and {i} stand at the same place; say why in `array.description`");
+                return Err(self.entries[i].error(self.file, None, &message));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ArrayFile {
+    fn place(&self, places: &mut Places<'_>) -> Result<(), ConfigError> {
+        for (index, sensor) in self.sensor.iter().enumerate() {
+            let axes = sensor.axes.unwrap_or(places.axes);
+            places.add(Entry { kind: "sensor", index }, sensor.pose(), axes)?;
+        }
+        for (index, plane) in self.plane.iter().enumerate() {
+            plane.place(Entry { kind: "plane", index }, places)?;
+        }
+        for (index, line) in self.line.iter().enumerate() {
+            places.add_all(Entry { kind: "line", index }, line.count, line.places())?;
+        }
+        for (index, ring) in self.ring.iter().enumerate() {
+            places.add_all(Entry { kind: "ring", index }, ring.count, ring.places())?;
+        }
+        Ok(())
+    }
 }
 
 impl SensorArray {
@@ -169,71 +267,21 @@ impl SensorArray {
     pub fn from_node(node: &Node) -> Result<Self, ConfigError> {
         let file: ArrayFile = node.parse_quietly()?;
         let table: ArrayTable = node.child_or_empty("array").parse()?;
-        let mut places = Vec::new();
-        for (i, sensor) in file.sensor.iter().enumerate() {
-            let turn = vector_m(&sensor.rotation_vector_deg) * 1e3_f64.to_radians();
-            let _ = i;
-            places.push((vector_m(&sensor.position_mm), turn, sensor.axes.unwrap_or(table.axes)));
+        let mut places = Places { file: node, axes: table.axes, sensors: Vec::new(), entries: Vec::new() };
+        file.place(&mut places)?;
+        if places.sensors.is_empty() {
+            return Err(node.error("the array has no sensors; give [[sensor]], [[plane]], [[line]] or [[ring]]"));
         }
-        let mut place = |position: Vector3<f64>| places.push((position, Vector3::zeros(), table.axes));
-        for (i, plane) in file.plane.iter().enumerate() {
-            Self::check_count(node, "plane", i, plane.columns.saturating_mul(plane.rows))?;
-            plane.places().into_iter().for_each(&mut place);
+        if table.description.is_empty() {
+            places.refuse_twins()?;
         }
-        for (i, line) in file.line.iter().enumerate() {
-            Self::check_count(node, "line", i, line.count)?;
-            let (from, to) = (vector_m(&line.from_mm), vector_m(&line.to_mm));
-            (0..line.count).for_each(|i| place(from + (to - from) * (centred(i, line.count) + 0.5)));
-        }
-        for (i, ring) in file.ring.iter().enumerate() {
-            Self::check_count(node, "ring", i, ring.count)?;
-            ring.places().into_iter().for_each(&mut place);
-        }
-        Self::from_places(node, &table, places)
-    }
-
-    fn check_count(node: &Node, kind: &str, index: usize, count: u32) -> Result<(), ConfigError> {
-        if count == 0 || count as usize > MAX_SENSORS {
-            let message = format!("{kind} {index} has {count} sensors; 1 to {MAX_SENSORS} are allowed");
-            return Err(node.error_at(kind, &message));
-        }
-        Ok(())
-    }
-
-    fn from_places(
-        node: &Node,
-        table: &ArrayTable,
-        places: Vec<(Vector3<f64>, Vector3<f64>, Axes)>,
-    ) -> Result<Self, ConfigError> {
-        if places.is_empty() || places.len() > MAX_SENSORS {
-            let message = format!("the array has {} sensors; give 1 to {MAX_SENSORS}", places.len());
-            return Err(node.error(&message));
-        }
-        let sensors: Vec<Magnetometer> = places
-            .into_iter()
-            .map(|(position, turn, axes)| Magnetometer { pose: Isometry3::new(position, turn), axes })
-            .collect();
-        for (i, a) in sensors.iter().enumerate() {
-            let twin = sensors[..i]
-                .iter()
-                .position(|b| (a.pose.translation.vector - b.pose.translation.vector).norm() < 1e-6);
-            // Two single-axis sensors may share a place; two triads there are one sensor counted twice.
-            if let Some(j) = twin.filter(|j| sensors[*j].axes == Axes::Xyz || a.axes == Axes::Xyz)
-                && !node.file().is_empty()
-                && table.description.is_empty()
-            {
-                let message = format!("sensors {j} and {i} stand at the same place; say why in `array.description`");
-                return Err(node.error(&message));
-            }
-        }
-        let starts_m = table.start_positions_mm.iter().map(vector_m).collect();
         Ok(Self {
-            name: table.name.clone(),
-            sensors,
+            name: table.name,
+            sensors: places.sensors,
             noise_tesla: table.noise_tesla.0,
             saturation_tesla: table.saturation_tesla.map(|v| v.0),
             resolution_tesla: table.resolution_tesla.map(|v| v.0),
-            starts_m,
+            starts_m: table.start_positions_mm.iter().map(vector_m).collect(),
         })
     }
 
@@ -241,7 +289,7 @@ impl SensorArray {
     pub fn of_triads(name: &str, positions_m: &[Vector3<f64>], noise_tesla: f64) -> Self {
         let sensors = positions_m
             .iter()
-            .map(|p| Magnetometer { pose: Isometry3::from_parts((*p).into(), UnitQuaternion::identity()), axes: Axes::Xyz })
+            .map(|p| Magnetometer { pose: Translation3::from(*p).into(), axes: Axes::Xyz })
             .collect();
         Self {
             name: name.to_owned(),
@@ -257,9 +305,15 @@ impl SensorArray {
     pub fn labels(&self) -> Vec<String> {
         let mut labels = Vec::new();
         for (i, sensor) in self.sensors.iter().enumerate() {
-            labels.extend(sensor.axes.unit_vectors().iter().map(|(name, _)| format!("s{i}{name}_T")));
+            labels.extend(sensor.axes.indices().iter().map(|axis| format!("s{i}{}_T", AXIS_NAMES[*axis])));
         }
         labels
+    }
+
+    /// Sensor and axis (0 to 2) of every channel.
+    pub fn channel_axes(&self) -> Vec<(usize, usize)> {
+        let of_sensor = |(i, sensor): (usize, &Magnetometer)| sensor.axes.indices().iter().map(move |axis| (i, *axis));
+        self.sensors.iter().enumerate().flat_map(of_sensor).collect()
     }
 
     /// The channels with the array's frame at `world_from_array`.
@@ -280,22 +334,24 @@ impl SensorArray {
         for (i, sensor) in self.sensors.iter().enumerate() {
             let pose = world_from_sensor(i, sensor);
             out.positions_world_m.push(pose.translation.vector);
-            for (_, axis) in sensor.axes.unit_vectors() {
-                out.channels.push(Channel { sensor: i, axis_world: pose.rotation * axis });
+            for axis in sensor.axes.indices() {
+                let mut unit = Vector3::zeros();
+                unit[*axis] = 1.0;
+                out.channels.push(Channel { sensor: i, axis_world: pose.rotation * unit });
             }
         }
         out
     }
 
-    /// Where a cold start looks: the file's own, else the centroid of the sensors, moved off a flat array along its normal by
-    /// 0.4 times its extent (0.2 m for the reference grid of 0.5 m) to both sides.
-    pub fn start_positions_m(&self, channels: &Channels) -> Vec<Vector3<f64>> {
+    /// Where a cold start looks, in the world: the file's own places, else the centroid of the sensors, moved off a flat
+    /// array along its normal by 0.4 times its extent (0.2 m for the reference grid of 0.5 m) to both sides.
+    pub fn start_positions_m(&self, channels: &Channels, world_from_array: &Isometry3<f64>) -> Vec<Vector3<f64>> {
         if !self.starts_m.is_empty() {
-            return self.starts_m.clone();
+            return self.starts_m.iter().map(|p| (world_from_array * Point3::from(*p)).coords).collect();
         }
         let n = channels.positions_world_m.len() as f64;
         let centroid = channels.positions_world_m.iter().sum::<Vector3<f64>>() / n;
-        let mut spread = nalgebra::Matrix3::zeros();
+        let mut spread = Matrix3::zeros();
         let mut extent: f64 = 0.0;
         for p in &channels.positions_world_m {
             let d = p - centroid;
@@ -320,36 +376,51 @@ impl SensorArray {
     }
 }
 
+impl SensorTable {
+    fn pose(&self) -> Isometry3<f64> {
+        let turn_rad = Vector3::from(self.rotation_vector_deg.map(|v| v.0.to_radians()));
+        Isometry3::from_parts(vector_m(&self.position_mm).into(), exp_so3(&turn_rad))
+    }
+}
+
 impl PlaneTable {
-    fn places(&self) -> Vec<Vector3<f64>> {
-        let centre = vector_m(&self.centre_mm);
-        let along = vector_m(&self.along).normalize() * (self.width_mm.0 * 1e-3);
-        let across = vector_m(&self.across).normalize() * (self.height_mm.0 * 1e-3);
-        let mut places = Vec::new();
-        for row in 0..self.rows {
-            for column in 0..self.columns {
-                if self.checkerboard.is_none_or(|half| (row + column) % 2 == half % 2) {
-                    places.push(centre + along * centred(column, self.columns) + across * centred(row, self.rows));
-                }
-            }
+    fn place(&self, entry: Entry, places: &mut Places<'_>) -> Result<(), ConfigError> {
+        if self.checkerboard.is_some_and(|half| half > 1) {
+            let message = "0 and 1 are the two halves of a checkerboard";
+            return Err(entry.error(places.file, Some("checkerboard"), message));
         }
-        places
+        let direction = |key: &str, v: &[Finite; 3]| {
+            let message = "a direction of length zero; give a vector such as [1, 0, 0]";
+            let unit = vector_m(v).try_normalize(f64::MIN_POSITIVE);
+            unit.ok_or_else(|| entry.error(places.file, Some(key), message))
+        };
+        let along = direction("along", &self.along)? * (self.width_mm.0 * 1e-3);
+        let across = direction("across", &self.across)? * (self.height_mm.0 * 1e-3);
+        let centre = vector_m(&self.centre_mm);
+        let (rows, columns) = (self.rows, self.columns);
+        let taken = |row: u32, column: u32| self.checkerboard.is_none_or(|half| (row + column) % 2 == half);
+        let sensors = (0..rows)
+            .flat_map(|row| (0..columns).map(move |column| (row, column)))
+            .filter(|(row, column)| taken(*row, *column))
+            .map(|(row, column)| centre + along * centred(column, columns) + across * centred(row, rows));
+        places.add_all(entry, columns.saturating_mul(rows), sensors)
+    }
+}
+
+impl LineTable {
+    fn places(&self) -> impl Iterator<Item = Vector3<f64>> {
+        let (from, to) = (vector_m(&self.from_mm), vector_m(&self.to_mm));
+        (0..self.count).map(move |i| from + (to - from) * (centred(i, self.count) + 0.5))
     }
 }
 
 impl RingTable {
-    fn places(&self) -> Vec<Vector3<f64>> {
-        (0..self.count)
-            .map(|i| {
-                let turn = std::f64::consts::TAU * f64::from(i) / f64::from(self.count);
-                let angle = self.first_angle_deg.0.to_radians() + turn;
-                vector_m(&self.centre_mm)
-                    + Vector3::new(
-                        self.semi_axis_x_mm.0 * 1e-3 * angle.cos(),
-                        self.semi_axis_y_mm.0 * 1e-3 * angle.sin(),
-                        0.0,
-                    )
-            })
-            .collect()
+    fn places(&self) -> impl Iterator<Item = Vector3<f64>> {
+        let (a_m, b_m) = (self.semi_axis_x_mm.0 * 1e-3, self.semi_axis_y_mm.0 * 1e-3);
+        (0..self.count).map(move |i| {
+            let turn = std::f64::consts::TAU * f64::from(i) / f64::from(self.count);
+            let angle = self.first_angle_deg.0.to_radians() + turn;
+            vector_m(&self.centre_mm) + Vector3::new(a_m * angle.cos(), b_m * angle.sin(), 0.0)
+        })
     }
 }

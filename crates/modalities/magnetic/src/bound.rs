@@ -5,7 +5,8 @@
 //!
 //! - *known strength*: position and two tangent coordinates of the axis on the sphere (5 degrees of freedom; no pose is
 //!   singular, unlike with polar angles);
-//! - *unknown strength*: position and the three components of the axis scaled by the strength (6 parameters).
+//! - *unknown strength*: these and the relative change of the strength (6 parameters; the same bound as that of position and
+//!   the three components of the moment).
 //!
 //! Columns are scaled to unit diagonal before inversion: metres and radians differ by orders of magnitude.
 
@@ -21,6 +22,8 @@ pub struct Bound {
     pub position_m2: Matrix3<f64>,
     /// Bounds of the axis along the principal tangent directions, rad, smaller first.
     pub axis_rad: [f64; 2],
+    /// Bound of the strength, relative to it; `None` where the strength is known.
+    pub strength_relative: Option<f64>,
 }
 
 /// Bound of the magnet's position and axis; `None` where the information is singular (the bound is infinite).
@@ -50,7 +53,11 @@ pub fn bound(
     let covariance = inverse_of_information(&rows)?;
     let tangent = covariance.fixed_view::<2, 2>(3, 3).into_owned().symmetric_eigenvalues();
     let (low, high) = (tangent.min().max(0.0).sqrt(), tangent.max().max(0.0).sqrt());
-    Some(Bound { position_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(), axis_rad: [low, high] })
+    Some(Bound {
+        position_m2: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        axis_rad: [low, high],
+        strength_relative: (!strength_known).then(|| covariance[(5, 5)].max(0.0).sqrt()),
+    })
 }
 
 /// `(Jᵀ J)⁻¹` through the QR of the column-scaled J, which keeps twice the digits that the normal equations would.

@@ -174,8 +174,25 @@ impl Installed {
         Ok(Self { table, array, magnet })
     }
 
-    /// Noise of one reading of one axis, T.
+    /// Noise of one reading of one axis before the converter, T.
     pub fn noise_tesla(&self) -> f64 {
         self.table.noise_tesla.map_or(self.array.noise_tesla, |v| v.0)
+    }
+
+    /// Step of the converter where readings are rounded, T.
+    pub fn step_tesla(&self) -> Option<f64> {
+        self.array.resolution_tesla.filter(|_| self.table.quantization)
+    }
+
+    /// Limit of the converter where readings clip, T.
+    pub fn limit_tesla(&self) -> Option<f64> {
+        self.array.saturation_tesla.filter(|_| self.table.saturation)
+    }
+
+    /// Standard deviation of a reading behind the converter, T: a step q adds q²/12 (Widrow and Kollár 2008; exact enough
+    /// from a noise of half a step on).
+    pub fn reading_sigma_tesla(&self) -> f64 {
+        let step = self.step_tesla().unwrap_or(0.0);
+        self.noise_tesla().hypot(step / 12.0_f64.sqrt())
     }
 }

@@ -1,21 +1,28 @@
 //! From a flux reading to a measurement: `pose` (maximum likelihood, a fix of 5 degrees of freedom) or `flux` (the raw
 //! readings for the filter; a fix rides along only where the filter has no prediction and needs a start).
 //!
+//! A fix is refused, with the reason, where it could be wrong without looking wrong: too few channels, no convergence, readings
+//! that fit no magnet, readings that need no magnet, a second pose that fits as well, a solution inside a sensor, an array
+//! whose place is not told. Where the readings scatter by more than the assumed noise allows, the covariance grows with them
+//! (factor χ²/(n - 5)).
+//!
 //! Stateless: the same reading and prior give the same measurement, so tracks do not depend on the order of arrival.
 
 use crate::array::SensorArray;
 use crate::channels::{Channels, MagnetPose};
 use crate::config::{Installed, OptionsTable};
 use crate::model::{FixOfFlux, FluxModel};
-use crate::solver::{Readings, Solution, Workspace, solve, solve_from_all};
-use lumenav_core::pose::{attitude_from_axis, tangent_basis};
+use crate::solver::{Readings, Search, Solution, Workspace, solve, solve_from_all};
+use lumenav_core::pose::{attitude_from_axis, skew, tangent_basis};
 use lumenav_core::{
-    FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior, PriorUse, Reading,
+    FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior,
+    PriorUse, Reading,
 };
 use lumenav_fields::FieldSource;
-use nalgebra::{Isometry3, Matrix6, SMatrix, Translation3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// What the front end hands on.
@@ -29,8 +36,11 @@ pub enum Output {
     Flux,
 }
 
-/// A warm solve whose χ² lies beyond this quantile is tried again from cold starts.
-const WARM_QUANTILE: f64 = 0.999_999;
+/// A warm solve whose χ² lies beyond this quantile is tried again from cold starts; a magnet that lowers χ² by no more than
+/// chance would, to this quantile, is none.
+const QUANTILE: f64 = 0.999_999;
+/// Degrees of freedom of a magnet's pose.
+const FREEDOM: usize = 5;
 /// Default of `max_reduced_chi_square`.
 const MAX_REDUCED_CHI_SQUARE: f64 = 25.0;
 
@@ -45,26 +55,28 @@ pub struct MagneticFrontEnd {
     relative_error: f64,
     max_reduced_chi_square: f64,
     saturation_tesla: Option<f64>,
+    worn: bool,
     workspace: Workspace,
+    limits: BTreeMap<usize, f64>,
     sensor: Name,
 }
 
 impl MagneticFrontEnd {
     /// Builds the front end from what is installed and what the track asks for.
     pub fn new(sensor: Name, installed: &Installed, options: &OptionsTable) -> Self {
-        let saturation_tesla =
-            installed.array.saturation_tesla.filter(|_| installed.table.saturation);
         Self {
             output: options.front_end,
             fixed: Arc::new(installed.array.channels(&Isometry3::identity())),
             source: installed.magnet.source(options.law),
             offset_capsule_m: installed.magnet.offset_capsule_m,
-            noise_tesla: options.noise_tesla.map_or(installed.noise_tesla(), |v| v.0),
+            noise_tesla: options.noise_tesla.map_or(installed.reading_sigma_tesla(), |v| v.0),
             relative_error: options.relative_error.0,
             max_reduced_chi_square: options.max_reduced_chi_square.map_or(MAX_REDUCED_CHI_SQUARE, |v| v.0),
-            saturation_tesla,
+            saturation_tesla: installed.limit_tesla(),
+            worn: installed.table.worn_on.is_some(),
             array: installed.array.clone(),
             workspace: Workspace::default(),
+            limits: BTreeMap::new(),
             sensor,
         }
     }
@@ -84,18 +96,37 @@ impl MagneticFrontEnd {
         }
     }
 
+    /// Whether a body-worn array's place is missing from a reading: the installed places are then not where the sensors are.
+    fn place_is_missing(&self, reading: &Reading) -> bool {
+        let told = |name: String| reading.known_poses.contains_key(&name);
+        self.worn && !told("array".to_owned()) && !(0..self.array.sensors.len()).all(|i| told(format!("s{i}")))
+    }
+
+    /// χ² that this many degrees of freedom exceed once in a million.
+    fn chi_square_limit(&mut self, freedom: usize) -> f64 {
+        *self.limits.entry(freedom).or_insert_with(|| {
+            ChiSquared::new(freedom as f64).map_or(f64::INFINITY, |d| d.inverse_cdf(QUANTILE))
+        })
+    }
+
     /// Maximum likelihood from the prior where there is one, else from all cold starts.
-    fn solve(&mut self, model: &FluxModel, readings: Readings<'_>, prior: Option<&PosePrior>) -> Option<Solution> {
+    fn search(
+        &mut self,
+        model: &FluxModel,
+        readings: Readings<'_>,
+        world_from_array: &Isometry3<f64>,
+        prior: Option<&PosePrior>,
+    ) -> Option<Search> {
         if let Some(prior) = prior {
             let start = MagnetPose::of_capsule(&prior.pose.world_from_capsule, &self.offset_capsule_m);
             let warm = solve(&model.channels, &self.source, readings, &start, &mut self.workspace);
-            if warm.converged && warm.chi_square < chi_square_limit(warm.channels) {
-                return Some(warm);
+            if warm.converged && warm.chi_square < self.chi_square_limit(warm.channels - FREEDOM) {
+                return Some(Search { best: warm, rival: None });
             }
         }
         let starts: Vec<MagnetPose> = self
             .array
-            .start_positions_m(&model.channels)
+            .start_positions_m(&model.channels, world_from_array)
             .into_iter()
             .flat_map(|position_world_m| {
                 [Vector3::z(), -Vector3::z()].map(|axis_world| MagnetPose { position_world_m, axis_world })
@@ -104,39 +135,47 @@ impl MagneticFrontEnd {
         solve_from_all(&model.channels, &self.source, readings, &starts, &mut self.workspace)
     }
 
-    /// Why a solution cannot be trusted; `None` where it can.
-    fn objection(&self, solution: &Solution, channels: &Channels) -> Option<String> {
-        let freedom = solution.channels as f64 - 5.0;
-        if !solution.converged {
+    /// Why what was found cannot be trusted; `None` where it can.
+    fn objection(&mut self, found: &Search, readings: Readings<'_>, channels: &Channels) -> Option<String> {
+        let best = &found.best;
+        if !best.converged {
             return Some("the maximum-likelihood search did not converge".to_owned());
         }
-        let reduced = solution.chi_square / freedom;
+        let reduced = best.chi_square / (best.channels - FREEDOM) as f64;
         if reduced > self.max_reduced_chi_square {
             return Some(format!("the readings do not fit a magnet: chi-square per degree of freedom {reduced:.1}"));
         }
-        let nearest = channels
-            .positions_world_m
-            .iter()
-            .map(|s| (s - solution.magnet.position_world_m).norm())
-            .fold(f64::INFINITY, f64::min);
-        if nearest < 1e-3 {
-            return Some("the solution lies inside a sensor".to_owned());
+        if without_magnet(readings) - best.chi_square < self.chi_square_limit(FREEDOM) * reduced.max(1.0) {
+            return Some("the readings are explained by noise alone: no magnet in reach".to_owned());
         }
-        None
+        if let Some(rival) = &found.rival {
+            let apart_m = (rival.magnet.position_world_m - best.magnet.position_world_m).norm();
+            return Some(format!("two poses {apart_m:.3} m apart explain the readings"));
+        }
+        let place = best.magnet.position_world_m;
+        let nearest = channels.positions_world_m.iter().map(|s| (s - place).norm()).fold(f64::INFINITY, f64::min);
+        (nearest < INSIDE_SENSOR_M).then(|| "the solution lies inside a sensor".to_owned())
     }
 
     /// The capsule's pose from the magnet's, with the covariance from the Fisher information.
-    fn fix(&self, solution: &Solution) -> Option<PoseEstimate> {
-        let covariance = solution.information.cholesky()?.inverse();
+    ///
+    /// A magnet off the capsule's axis, `o = [o_x, o_y, o_z]`, leaves the centre on a circle of radius `ρ = |[o_y, o_z]|` about
+    /// the magnet's axis, for the roll is unknown. The fix is the circle's centre, with its covariance `ρ²/2 (I - u uᵀ)`.
+    fn fix(&mut self, solution: &Solution) -> Option<PoseEstimate> {
+        let mut covariance = solution.information.cholesky()?.inverse();
+        let freedom = solution.channels - FREEDOM;
+        if solution.chi_square > self.chi_square_limit(freedom) {
+            covariance *= solution.chi_square / freedom as f64;
+        }
         let axis = solution.magnet.axis_world;
         let rotation = attitude_from_axis(&axis);
-        let position = solution.magnet.position_world_m - rotation * self.offset_capsule_m;
-        let (e1, e2) = tangent_basis(&axis);
+        let lever_capsule_m = Vector3::new(self.offset_capsule_m.x, 0.0, 0.0);
         // Rows [δp_world, δθ_capsule] from [δp_magnet, t₁, t₂]: δu = R(δθ × x), so δθ_y = -(Rᵀδu)_z and δθ_z = (Rᵀδu)_y;
         // the centre moves against the lever o: δp = δp_magnet + R [o]ₓ δθ.
         let mut to_error = SMatrix::<f64, 6, 5>::zeros();
         to_error.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
-        let lever = rotation.to_rotation_matrix().into_inner() * lumenav_core::pose::skew(&self.offset_capsule_m);
+        let lever = rotation.to_rotation_matrix().into_inner() * skew(&lever_capsule_m);
+        let (e1, e2) = tangent_basis(&axis);
         for (column, e) in [(3, e1), (4, e2)] {
             let local = rotation.inverse() * e;
             let turn = Vector3::new(0.0, -local.z, local.y);
@@ -144,11 +183,10 @@ impl MagneticFrontEnd {
             to_error.fixed_view_mut::<3, 1>(0, column).copy_from(&(lever * turn));
         }
         let mut full: Matrix6<f64> = to_error * covariance * to_error.transpose();
-        // A lever off the axis turns with the unknown roll: the centre then lies on a circle.
-        let off_axis = self.offset_capsule_m.yz().norm_squared();
-        for i in 0..3 {
-            full[(i, i)] += 0.5 * off_axis;
-        }
+        let circle = (Matrix3::identity() - axis * axis.transpose()) * (0.5 * self.offset_capsule_m.yz().norm_squared());
+        let mut position_block = full.fixed_view_mut::<3, 3>(0, 0);
+        position_block += circle;
+        let position = solution.magnet.position_world_m - rotation * lever_capsule_m;
         Some(PoseEstimate {
             world_from_capsule: Isometry3::from_parts(Translation3::from(position), rotation),
             covariance: full,
@@ -156,9 +194,15 @@ impl MagneticFrontEnd {
         })
     }
 
-    fn measurement(&self, reading: &Reading, model: FluxModel, fix: Option<PoseEstimate>, warm: bool) -> Option<Measurement> {
-        let prior_use = if warm { PriorUse::StartOnly } else { PriorUse::None };
-        let common = |value, model: Arc<dyn MeasurementModel>| Measurement {
+    fn measured(&self, reading: &Reading, model: FluxModel, fix: Option<PoseEstimate>, warm: bool) -> Outcome {
+        let payload = Arc::new(reading.payload.clone());
+        let (value, model): (Arc<Frame>, Arc<dyn MeasurementModel>) = match (self.output, &fix) {
+            (Output::Pose, Some(fix)) => {
+                (Arc::new(fix.to_frame()), Arc::new(FixOfFlux { flux: model, reading: payload }))
+            }
+            _ => (payload, Arc::new(model)),
+        };
+        Outcome::Measured(vec![Measurement {
             sensor: self.sensor.clone(),
             sequence: reading.sequence,
             at: reading.at(),
@@ -166,37 +210,31 @@ impl MagneticFrontEnd {
             since: None,
             value,
             model,
-            prior_use,
-            fix: fix.clone(),
-        };
-        match self.output {
-            Output::Flux => Some(common(Arc::new(reading.payload.clone()), Arc::new(model))),
-            Output::Pose => fix.as_ref().map(|f| {
-                let of_flux = FixOfFlux { flux: model, reading: Arc::new(reading.payload.clone()) };
-                common(Arc::new(f.to_frame()), Arc::new(of_flux))
-            }),
-        }
+            prior_use: if warm { PriorUse::StartOnly } else { PriorUse::None },
+            fix,
+        }])
     }
 }
 
-/// χ² that a good solution exceeds once in a million.
-fn chi_square_limit(channels: usize) -> f64 {
-    let freedom = channels as f64 - 5.0;
-    if freedom <= 0.0 {
-        return f64::INFINITY;
-    }
-    // The degrees of freedom are positive by the line above.
-    ChiSquared::new(freedom).map_or(f64::INFINITY, |d| d.inverse_cdf(WARM_QUANTILE))
+/// No centre of a magnet comes nearer to a sensor than this: both have a size.
+const INSIDE_SENSOR_M: f64 = 1e-3;
+
+/// χ² of the readings if there were no magnet.
+fn without_magnet(readings: Readings<'_>) -> f64 {
+    let all = readings.flux_tesla.iter().zip(readings.valid).zip(readings.variance_tesla2);
+    all.filter(|((_, valid), _)| **valid).map(|((z, _), variance)| z * z / variance).sum()
 }
 
 impl FrontEnd for MagneticFrontEnd {
     fn process(&mut self, reading: &Reading, prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
-        let model = self.model(reading);
-        let mut payload = reading.clone();
-        if let Some(limit) = self.saturation_tesla {
-            mask_saturated(&mut payload, limit)?;
+        if self.place_is_missing(reading) {
+            return Ok(refused("the array is worn, and the reading does not tell its pose"));
         }
-        let reading = &payload;
+        let model = self.model(reading);
+        let mut reading = reading.clone();
+        if let Some(limit) = self.saturation_tesla {
+            mask_saturated(&mut reading, limit)?;
+        }
         let flux = reading.payload.f64("flux_tesla")?;
         if flux.len() != model.channels.len() {
             let message = format!("{} channels, the installed array has {}", flux.len(), model.channels.len());
@@ -204,40 +242,38 @@ impl FrontEnd for MagneticFrontEnd {
         }
         let valid = reading.payload.valid();
         let count = valid.iter().filter(|v| **v).count();
-        if count < 6 {
-            let why = format!("{count} valid channels; a pose of 5 degrees of freedom needs 6 at least");
-            return Ok(Outcome::Refused { why: why.into() });
+        if self.output == Output::Flux && prior.is_some() && count > 0 {
+            return Ok(self.measured(&reading, model, None, true));
         }
-        if self.output == Output::Flux && prior.is_some() {
-            let measurement = self.measurement(reading, model, None, true);
-            return Ok(measurement.map_or(Outcome::Nothing, |m| Outcome::Measured(vec![m])));
+        if count <= FREEDOM {
+            let why = format!("{count} valid channels; a pose of {FREEDOM} degrees of freedom needs {} at least", FREEDOM + 1);
+            return Ok(refused(&why));
         }
         let variance: Vec<f64> = flux.iter().map(|z| model.variance(*z)).collect();
         let readings = Readings { flux_tesla: flux, valid, variance_tesla2: &variance };
-        let Some(solution) = self.solve(&model, readings, prior) else {
-            return Ok(Outcome::Refused { why: "no start led to a finite likelihood".into() });
+        let world_from_array = reading.known_poses.get("array").copied().unwrap_or_else(Isometry3::identity);
+        let Some(found) = self.search(&model, readings, &world_from_array, prior) else {
+            return Ok(refused("no start led to a finite likelihood"));
         };
-        if let Some(why) = self.objection(&solution, &model.channels) {
-            return Ok(Outcome::Refused { why: why.into() });
+        if let Some(why) = self.objection(&found, readings, &model.channels) {
+            return Ok(refused(&why));
         }
-        let Some(fix) = self.fix(&solution) else {
-            return Ok(Outcome::Refused { why: "the pose is not observable from these channels".into() });
+        let Some(fix) = self.fix(&found.best) else {
+            return Ok(refused("the pose is not observable from these channels"));
         };
-        let measurement = self.measurement(reading, model, Some(fix), prior.is_some());
-        Ok(measurement.map_or(Outcome::Nothing, |m| Outcome::Measured(vec![m])))
+        Ok(self.measured(&reading, model, Some(fix), prior.is_some()))
     }
+}
+
+fn refused(why: &str) -> Outcome {
+    Outcome::Refused { why: why.into() }
 }
 
 /// A channel at its limit says only "at least": it is masked.
 fn mask_saturated(reading: &mut Reading, limit_tesla: f64) -> Result<(), ModalityError> {
-    let beyond: Vec<usize> = reading
-        .payload
-        .f64("flux_tesla")?
-        .iter()
-        .enumerate()
-        .filter(|(_, z)| z.abs() >= limit_tesla * (1.0 - 1e-9))
-        .map(|(k, _)| k)
-        .collect();
+    let flux = reading.payload.f64("flux_tesla")?;
+    // The comparison leaves room for rounding in a file's decimals.
+    let beyond: Vec<usize> = (0..flux.len()).filter(|k| flux[*k].abs() >= limit_tesla * (1.0 - 1e-9)).collect();
     beyond.into_iter().for_each(|k| reading.payload.mask_row(k));
     Ok(())
 }

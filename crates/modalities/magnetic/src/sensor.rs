@@ -1,6 +1,6 @@
 //! The simulated array: truth in, flux out.
 //!
-//! `reading = quantise(clip(gain · a'·(B(magnet) + B(ambient) + B(disturbances)) + bias + noise))` with a' the true axis and
+//! `reading = clip(quantise(gain · a'·(B(magnet) + B(ambient) + B(disturbances)) + bias + noise))` with a' the true axis and
 //! the sensor at its true place. Gains, axes, biases and misplacements are drawn once, from the streams `gain`, `axis`, `bias`
 //! and `placement`; the noise of reading n from `(noise, n)`.
 
@@ -119,16 +119,10 @@ impl MagneticSensor {
         field
     }
 
+    /// Rounds, then clips: a clipped reading is the limit itself, which is how an estimator knows it.
     fn digitise(&self, value: f64) -> f64 {
-        let array = &self.installed.array;
-        let clipped = match array.saturation_tesla.filter(|_| self.installed.table.saturation) {
-            Some(limit) => value.clamp(-limit, limit),
-            None => value,
-        };
-        match array.resolution_tesla.filter(|_| self.installed.table.quantization) {
-            Some(step) => (clipped / step).round() * step,
-            None => clipped,
-        }
+        let rounded = self.installed.step_tesla().map_or(value, |step| (value / step).round() * step);
+        self.installed.limit_tesla().map_or(rounded, |limit| rounded.clamp(-limit, limit))
     }
 }
 

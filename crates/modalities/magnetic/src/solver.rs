@@ -2,10 +2,13 @@
 //!
 //! Minimises `χ² = Σ_k (z_k - h_k)²/σ_k²` over position p and axis u (unit). The axis moves in its tangent plane,
 //! `u ← (u + t₁e₁ + t₂e₂)/|…|`, so no pose is singular. Five normal equations per step with Marquardt's scaling (the diagonal
-//! of JᵀJ), which makes metres and radians comparable; damping as in Nielsen (1999).
+//! of JᵀJ), which makes metres and radians comparable; damping as in Nielsen (1999), with a stronger fall after good steps.
 //!
 //! From two opposite starts the right pose is reached from every pose of the reference workspace (`moussakhani2012`'s array;
 //! 2,000 random poses, see the tests): the axis of a dipole is the one thing a poor start gets wrong.
+//!
+//! Some arrays see two poses that fit equally (single-axis sensors in one plane: the pose and its mirror image; very few
+//! channels): [`solve_from_all`] hands the second out as a rival, so that nobody takes a coin's toss for a fix.
 
 use crate::channels::{Channels, MagnetPose, Prediction};
 use lumenav_core::pose::tangent_basis;
@@ -15,10 +18,18 @@ use nalgebra::{SMatrix, SVector, Vector3};
 type Matrix5 = SMatrix<f64, 5, 5>;
 type Vector5 = SVector<f64, 5>;
 
-/// A step is the last when it would lower χ² by less than this: a thousandth of a standard deviation.
+/// The search ends where an undamped step would lower χ² by less than this: a thousandth of a standard deviation.
 const CHI_SQUARE_TOLERANCE: f64 = 1e-6;
-/// Steps before giving up; a good start needs five, a poor one twenty.
+/// The same as a share of χ²: below it rounding decides.
+const CHI_SQUARE_RELATIVE: f64 = 1e-12;
+/// Steps before giving up; a good start needs four, a poor one twenty.
 const MAX_STEPS: u32 = 100;
+/// Damping at the start, as a share of the diagonal.
+const FIRST_DAMPING: f64 = 1e-3;
+/// A good step divides the damping by ten at most, so that the last steps are nearly Gauss and Newton's.
+const MIN_DAMPING_FACTOR: f64 = 0.1;
+/// A second pose within this of the best χ² (five standard deviations of one residual) explains the reading as well.
+const RIVAL_CHI_SQUARE: f64 = 25.0;
 
 /// What a solve found.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,18 +83,19 @@ fn normal_equations(
     channels.predict(source, magnet, prediction);
     let (e1, e2) = tangent_basis(&magnet.axis_world);
     let mut normal = Normal { matrix: Matrix5::zeros(), gradient: Vector5::zeros(), chi_square: 0.0 };
-    for k in 0..channels.len() {
-        if !readings.valid[k] {
+    let rows = prediction.flux_tesla.iter().zip(&prediction.by_position).zip(&prediction.by_axis);
+    let observed = readings.flux_tesla.iter().zip(readings.valid).zip(readings.variance_tesla2);
+    for (((flux, p), a), ((seen, valid), variance)) in rows.zip(observed) {
+        if !valid {
             continue;
         }
-        let weight = 1.0 / readings.variance_tesla2[k];
-        let residual = readings.flux_tesla[k] - prediction.flux_tesla[k];
-        let (p, a) = (&prediction.by_position[k], &prediction.by_axis[k]);
-        let row = Vector5::from([p.x, p.y, p.z, a.dot(&e1), a.dot(&e2)]);
+        let weight = 1.0 / variance;
+        let residual = seen - flux;
+        let row = [p.x, p.y, p.z, a.dot(&e1), a.dot(&e2)];
         normal.chi_square += weight * residual * residual;
-        normal.gradient += row * (weight * residual);
         for j in 0..5 {
             let scaled = weight * row[j];
+            normal.gradient[j] += scaled * residual;
             for i in 0..=j {
                 normal.matrix[(i, j)] += scaled * row[i];
             }
@@ -91,25 +103,6 @@ fn normal_equations(
     }
     normal.matrix.fill_lower_triangle_with_upper_triangle();
     normal
-}
-
-/// χ² alone, for a trial step.
-fn chi_square(
-    channels: &Channels,
-    source: &FieldSource,
-    magnet: &MagnetPose,
-    readings: Readings<'_>,
-    workspace: &mut Workspace,
-) -> f64 {
-    channels.flux(source, magnet, &mut workspace.prediction.flux_tesla);
-    let mut sum = 0.0;
-    for (k, flux) in workspace.prediction.flux_tesla.iter().enumerate() {
-        if readings.valid[k] {
-            let residual = readings.flux_tesla[k] - flux;
-            sum += residual * residual / readings.variance_tesla2[k];
-        }
-    }
-    sum
 }
 
 fn moved(magnet: &MagnetPose, step: &Vector5) -> MagnetPose {
@@ -120,7 +113,7 @@ fn moved(magnet: &MagnetPose, step: &Vector5) -> MagnetPose {
     }
 }
 
-/// Solves from one start.
+/// Solves from one start. Allocates nothing once the workspace has grown to the array.
 pub fn solve(
     channels: &Channels,
     source: &FieldSource,
@@ -130,36 +123,29 @@ pub fn solve(
 ) -> Solution {
     let mut magnet = *start;
     let mut normal = normal_equations(channels, source, &magnet, readings, workspace);
-    let (mut damping, mut growth) = (1e-3, 2.0);
-    let mut converged = false;
+    let (mut damping, mut growth) = (FIRST_DAMPING, 2.0);
     let mut steps = 0;
-    while steps < MAX_STEPS {
+    let mut converged = normal.is_minimum();
+    while !converged && steps < MAX_STEPS && damping.is_finite() {
         steps += 1;
-        let Some(step) = damped_step(&normal, damping) else {
-            damping *= growth;
-            growth *= 2.0;
-            continue;
-        };
-        let expected = step.dot(&normal.gradient) * 2.0 - step.dot(&(normal.matrix * step));
-        let trial = moved(&magnet, &step);
-        let value = chi_square(channels, source, &trial, readings, workspace);
-        let fell = normal.chi_square - value;
-        if fell > 0.0 {
-            magnet = trial;
-            let ratio = fell / expected;
-            damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(0.1, 0.5);
-            growth = 2.0;
-            normal = normal_equations(channels, source, &magnet, readings, workspace);
-        } else {
-            damping *= growth;
-            growth *= 2.0;
-        }
-        if expected < CHI_SQUARE_TOLERANCE + 1e-12 * normal.chi_square {
-            converged = true;
-            break;
-        }
-        if !damping.is_finite() {
-            break;
+        // Nearly every trial is taken, so its derivatives are evaluated at once with its χ².
+        let step = normal.damped_step(damping);
+        let trial = step.map(|step| {
+            let magnet = moved(&magnet, &step);
+            (step, magnet, normal_equations(channels, source, &magnet, readings, workspace))
+        });
+        match trial {
+            Some((step, trial, next)) if next.chi_square < normal.chi_square => {
+                let ratio = (normal.chi_square - next.chi_square) / normal.expected_fall(&step);
+                damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(MIN_DAMPING_FACTOR, 0.5);
+                growth = 2.0;
+                (magnet, normal) = (trial, next);
+                converged = normal.is_minimum();
+            }
+            _ => {
+                damping *= growth;
+                growth *= 2.0;
+            }
         }
     }
     Solution {
@@ -172,35 +158,68 @@ pub fn solve(
     }
 }
 
-/// `(JᵀJ + λ diag(JᵀJ)) step = Jᵀr`; `None` where even that is not positive definite.
-fn damped_step(normal: &Normal, damping: f64) -> Option<Vector5> {
-    let mut damped = normal.matrix;
-    for i in 0..5 {
-        damped[(i, i)] += damping * normal.matrix[(i, i)].max(f64::MIN_POSITIVE);
+impl Normal {
+    /// `(JᵀJ + λ diag(JᵀJ)) step = Jᵀr`; `None` where even that is not positive definite.
+    fn damped_step(&self, damping: f64) -> Option<Vector5> {
+        let mut damped = self.matrix;
+        for i in 0..5 {
+            damped[(i, i)] += damping * self.matrix[(i, i)].max(f64::MIN_POSITIVE);
+        }
+        damped.cholesky().map(|factor| factor.solve(&self.gradient))
     }
-    damped.cholesky().map(|factor| factor.solve(&normal.gradient))
+
+    /// By how much χ² falls with a step if the model were linear.
+    fn expected_fall(&self, step: &Vector5) -> f64 {
+        2.0 * step.dot(&self.gradient) - step.dot(&(self.matrix * step))
+    }
+
+    /// Whether an undamped step has nothing left to gain. Asked of the undamped step, because a strongly damped one gains
+    /// little anywhere.
+    fn is_minimum(&self) -> bool {
+        let tolerance = CHI_SQUARE_TOLERANCE + CHI_SQUARE_RELATIVE * self.chi_square;
+        self.damped_step(0.0).is_some_and(|step| step.dot(&self.gradient) < tolerance)
+    }
 }
 
-/// Solves from every start and keeps the best (lowest χ², converged before not).
+/// What a search from several starts found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Search {
+    /// The pose of the highest likelihood.
+    pub best: Solution,
+    /// Another pose that explains the reading nearly as well and is more than a standard deviation away.
+    pub rival: Option<Solution>,
+}
+
+/// Solves from every start; the best is the converged one of the lowest χ², an unconverged one only where none converged.
+/// `None` where no start led to a finite likelihood.
 pub fn solve_from_all(
     channels: &Channels,
     source: &FieldSource,
     readings: Readings<'_>,
     starts: &[MagnetPose],
     workspace: &mut Workspace,
-) -> Option<Solution> {
-    let mut best: Option<Solution> = None;
+) -> Option<Search> {
+    let mut found: Vec<Solution> = Vec::with_capacity(starts.len());
     for start in starts {
-        let found = solve(channels, source, readings, start, workspace);
-        if !found.chi_square.is_finite() {
-            continue;
-        }
-        let better = best.as_ref().is_none_or(|b| {
-            (found.converged, -found.chi_square) > (b.converged, -b.chi_square)
-        });
-        if better {
-            best = Some(found);
+        let solution = solve(channels, source, readings, start, workspace);
+        if solution.chi_square.is_finite() {
+            found.push(solution);
         }
     }
-    best
+    found.sort_by(|a, b| b.converged.cmp(&a.converged).then(a.chi_square.total_cmp(&b.chi_square)));
+    let mut found = found.into_iter();
+    let best = found.next()?;
+    let rival = found.find(|other| is_rival(&best, other));
+    Some(Search { best, rival })
+}
+
+fn is_rival(best: &Solution, other: &Solution) -> bool {
+    let (e1, e2) = tangent_basis(&best.magnet.axis_world);
+    let moved = other.magnet.position_world_m - best.magnet.position_world_m;
+    let turned = other.magnet.axis_world - best.magnet.axis_world;
+    let apart = Vector5::from([moved.x, moved.y, moved.z, turned.dot(&e1), turned.dot(&e2)]);
+    let opposite = other.magnet.axis_world.dot(&best.magnet.axis_world) < 0.0;
+    other.converged
+        && other.chi_square - best.chi_square < RIVAL_CHI_SQUARE
+        && (opposite || apart.dot(&(best.information * apart)) > 1.0)
 }

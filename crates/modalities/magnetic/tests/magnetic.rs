@@ -1,0 +1,19 @@
+//! Tests of the magnetic plugin, one binary; one module per promise.
+
+#![allow(clippy::disallowed_types, reason = "world side: tests hold the truth that they compare with")]
+
+mod magnetic {
+    /// The front end: honest or silent.
+    mod front_end;
+    /// Array and capsule files: what is built, and what is refused where.
+    mod files;
+    /// The laws of the seam.
+    mod laws;
+    /// Recorded data.
+    mod reader;
+    /// The simulated array.
+    mod sensor;
+    /// Maximum likelihood: right basin, efficient.
+    mod solver;
+    mod support;
+}

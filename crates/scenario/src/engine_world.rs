@@ -1,0 +1,257 @@
+//! The engine as a world: truth of a capsule in a moving tract.
+
+#![expect(clippy::disallowed_types, reason = "world side: the engine is where truth comes from")]
+
+use crate::engine::{Engine, EngineConfig, EventKind};
+use crate::error::ScenarioError;
+use crate::file::{ScenarioFile, TractTable};
+use crate::world::{TruthHistory, World, WorldNote};
+use lumenav_anatomy::motility::Motility;
+use lumenav_anatomy::motility_config::MotilityConfig;
+use lumenav_anatomy::segment::SegmentKey;
+use lumenav_anatomy::tract::Tract;
+use lumenav_anatomy::tract_file::{self, TractOptions};
+use lumenav_anatomy::tube_mesh;
+use lumenav_core::config::quantity::{Finite, NonNegative};
+use lumenav_core::{CapsuleTruth, ConfigError, Node, Primitive, RandomStreams, SimTime, TruthView};
+use nalgebra::{Isometry3, Vector3};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Name under which motility draws its random numbers.
+pub const COMPONENT: &str = "motility";
+
+/// Spacing of the rings of the drawn lumen, m.
+const DRAWN_RING_M: f64 = 0.004;
+/// Corners of a ring of the drawn lumen.
+const DRAWN_SIDES: usize = 24;
+/// A place whose radius is below this share of its resting radius is drawn as contracted.
+const CONTRACTED: f64 = 0.75;
+
+/// A capsule in a tract, stepped by the engine.
+pub struct EngineWorld {
+    engine: Engine,
+    history: TruthHistory,
+    step_ns: i64,
+    gravity_world_m_s2: Vector3<f64>,
+    notes: Vec<WorldNote>,
+    /// What was learned about the tract while it was read.
+    warnings: Vec<String>,
+}
+
+/// Reads the tract that `[tract]` names.
+///
+/// # Errors
+/// [`ConfigError`] with file, line and key.
+pub fn read_tract(
+    file: &ScenarioFile,
+    table: &TractTable,
+) -> Result<(Arc<Tract>, Vec<String>), ConfigError> {
+    let node = file.node.child_or_empty("tract");
+    let mut segments = Vec::new();
+    for name in &table.segments {
+        let key = SegmentKey::from_name(name).ok_or_else(|| {
+            let message = format!("unknown segment `{name}`; allowed: {}", SegmentKey::allowed());
+            node.error_at("segments", &message)
+        })?;
+        segments.push(key);
+    }
+    let options = TractOptions {
+        segments,
+        length_scale: table.length_scale.0,
+        radius_scale: table.radius_scale.0,
+    };
+    let model = file.models.open("tracts", &table.model, &node, "model")?;
+    let (tract, report) = tract_file::load(&model, &options)?;
+    Ok((Arc::new(tract), report.warnings))
+}
+
+impl EngineWorld {
+    /// The world of a scenario with a `[tract]`.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] with file, line and key.
+    pub fn new(
+        file: &ScenarioFile,
+        table: &TractTable,
+        streams: &RandomStreams,
+    ) -> Result<(Self, Arc<Tract>), ScenarioError> {
+        let (tract, warnings) = read_tract(file, table)?;
+        let motility_node = file.node.child_or_empty("motility");
+        let motility: MotilityConfig = motility_node.parse()?;
+        let engine_node = file.node.child_or_empty("engine");
+        let mut config: EngineConfig = engine_node.parse()?;
+        let capsule_node = file.node.child_or_empty("capsule");
+        let start_m = file.capsule.start_arc_length_mm.0 * 1e-3;
+        if start_m > tract.length_m() {
+            let message = format!(
+                "{:.0} mm is beyond the tract's end; allowed: 0 to {:.0}",
+                1e3 * start_m,
+                1e3 * tract.length_m()
+            );
+            return Err(capsule_node.error_at("start_arc_length_mm", &message).into());
+        }
+        config.start_arc_length_m = NonNegative(start_m);
+        config.start_roll_rad = Finite(file.capsule.start_roll_deg.0.to_radians());
+        let gravity = Vector3::from(config.gravity_torso_m_s2.map(|v| v.0));
+        let step_ns = (1e9 / f64::from(config.step_rate_hz)).round() as i64;
+        let motility = Motility::new(&motility, &tract, streams)
+            .map_err(|error| motility_node.error(&error.to_string()))?;
+        let engine = Engine::new(config, tract.clone(), motility, file.body)
+            .map_err(|error| engine_node.error(&error.to_string()))?;
+        let mut world = Self {
+            gravity_world_m_s2: engine.world_from_torso().rotation * gravity,
+            engine,
+            history: TruthHistory::default(),
+            step_ns,
+            notes: Vec::new(),
+            warnings,
+        };
+        world.remember();
+        for text in std::mem::take(&mut world.warnings) {
+            world.notes.push(WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
+        }
+        Ok((world, tract))
+    }
+
+    /// Adds the engine's state to the history, and its events to the notes.
+    fn remember(&mut self) {
+        let state = self.engine.state();
+        self.history.push(CapsuleTruth {
+            at: state.at,
+            world_from_capsule: state.world_from_capsule,
+            velocity_world_m_s: state.velocity_world_m_s,
+            angular_rate_capsule_rad_s: state.angular_rate_capsule_rad_s,
+            specific_force_capsule_m_s2: state.specific_force_capsule_m_s2,
+            arc_length_m: Some(state.arc_length_m),
+            segment: Some(self.engine.tract().segment_name_at(state.arc_length_m)),
+            wall_force_n: state.wall_force_n,
+        });
+        for event in self.engine.events() {
+            let mm = 1e3 * event.arc_length_m;
+            let text = match event.kind {
+                // Contact comes and goes many times a minute in a wide colon: not worth a line each.
+                EventKind::ContactLost => continue,
+                EventKind::SegmentEntered(key) => format!("entered {key} at {mm:.0} mm"),
+                EventKind::LandmarkPassed { name, aboral } => {
+                    let way = if aboral { "aborally" } else { "orally" };
+                    format!("passed {name} {way} at {mm:.0} mm")
+                }
+                EventKind::Stalled => format!("stalled at {mm:.0} mm"),
+                EventKind::Retained => format!("retained at {mm:.0} mm"),
+                EventKind::Left => format!("left the tract at {mm:.0} mm; its truth stays there"),
+            };
+            self.notes.push(WorldNote { at: event.at, text });
+        }
+    }
+}
+
+impl TruthView for EngineWorld {
+    fn interval(&self) -> Range<SimTime> {
+        self.history.interval()
+    }
+
+    fn capsule(&self, at: SimTime) -> CapsuleTruth {
+        // The constructor remembers the start, so the history is never empty.
+        self.history.at(at).unwrap_or_else(|| unreachable!("the history holds the start"))
+    }
+
+    fn frame(&self, name: &str, _at: SimTime) -> Option<Isometry3<f64>> {
+        (name == "torso").then(|| *self.engine.world_from_torso())
+    }
+}
+
+impl World for EngineWorld {
+    fn advance_to(&mut self, to: SimTime) -> Result<(), ScenarioError> {
+        while self.history.newest().is_none_or(|newest| newest < to) {
+            let next = self.engine.time() + self.step_ns;
+            self.engine.advance_to(next);
+            if self.history.newest() == Some(self.engine.time()) {
+                // The engine rounds to whole steps: take the one behind `next`.
+                self.engine.step();
+            }
+            self.remember();
+            let state = self.engine.state();
+            if !state.world_from_capsule.translation.vector.iter().all(|v| v.is_finite()) {
+                let what = "the capsule's position is not finite".to_owned();
+                return Err(ScenarioError::Engine { at_s: state.at.seconds(), what });
+            }
+        }
+        Ok(())
+    }
+
+    fn truth(&self) -> &dyn TruthView {
+        self
+    }
+
+    fn forget_before(&mut self, at: SimTime) {
+        self.history.forget_before(at);
+    }
+
+    fn take_notes(&mut self) -> Vec<WorldNote> {
+        std::mem::take(&mut self.notes)
+    }
+
+    fn static_scene(&self, out: &mut Vec<Primitive>) {
+        draw_tract(self.engine.tract(), out);
+    }
+
+    /// Rings where the wall is contracted now.
+    fn moving_scene(&self, out: &mut Vec<Primitive>) {
+        let tract = self.engine.tract();
+        let time_s = self.engine.time().seconds();
+        let rings = (tract.length_m() / DRAWN_RING_M) as usize;
+        let mut strips = Vec::new();
+        for i in 0..=rings {
+            let s = i as f64 * DRAWN_RING_M;
+            let sample = self.engine.lumen().radius(s, 0.0, time_s);
+            if sample.radius_m < CONTRACTED * self.engine.lumen().resting_radius_m(s) {
+                let station = tract.station(s);
+                let corner = |k: usize| {
+                    let angle = std::f64::consts::TAU * k as f64 / DRAWN_SIDES as f64;
+                    let radius = self.engine.lumen().radius(s, angle, time_s).radius_m;
+                    let p = station.position_m
+                        + (station.normal * angle.cos() + station.binormal * angle.sin()) * radius;
+                    [p.x as f32, p.y as f32, p.z as f32]
+                };
+                strips.push((0..=DRAWN_SIDES).map(corner).collect());
+            }
+        }
+        out.push(Primitive::Lines {
+            path: "tract/contraction".into(),
+            strips_world_m: strips,
+            rgba: vec![0xCC33_11FF],
+        });
+    }
+
+    fn gravity_world_m_s2(&self) -> Vector3<f64> {
+        self.gravity_world_m_s2
+    }
+}
+
+/// Colours of the segments, in turn (Tol's light scheme: told apart by colour-blind readers).
+const SEGMENT_RGBA: [u32; 6] =
+    [0xEE88_6640, 0x77AA_DD40, 0xEEDD_8840, 0xFFAA_BB40, 0x99DD_FF40, 0x44BB_9940];
+
+/// Resting lumen and centre line.
+pub fn draw_tract(tract: &Tract, out: &mut Vec<Primitive>) {
+    let rings = (tract.length_m() / DRAWN_RING_M).ceil() as usize + 1;
+    let mesh = tube_mesh(tract, rings, DRAWN_SIDES, |s, _| tract.radius.radius_m(s));
+    let colour =
+        |s: &f32| SEGMENT_RGBA[tract.segment_index_at(f64::from(*s)) % SEGMENT_RGBA.len()];
+    out.push(Primitive::Mesh {
+        path: "tract/lumen".into(),
+        rgba: mesh.arc_length_m.iter().map(colour).collect(),
+        vertices_world_m: mesh.vertices_m,
+        triangles: mesh.triangles,
+    });
+    let line = (0..=rings).map(|i| {
+        let p = tract.station(tract.length_m() * i as f64 / rings as f64).position_m;
+        [p.x as f32, p.y as f32, p.z as f32]
+    });
+    out.push(Primitive::Lines {
+        path: "tract/centre_line".into(),
+        strips_world_m: vec![line.collect()],
+        rgba: vec![0x8888_88FF],
+    });
+}
