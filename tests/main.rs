@@ -1,1 +1,18 @@
 //! Integration tests of the whole project, one binary; one module per promise.
+
+// Crates may know only what they may; estimators cannot reach the truth.
+mod architecture;
+// Bad input is refused with file, line, key; nothing half-written is left behind.
+mod bad_input;
+// Same scenario and seed, same bytes.
+mod determinism;
+// What a user does: run, replay, explain, export, view.
+mod journeys;
+// Plugins outside the modality crates, through the filter, against committed numbers.
+mod seam;
+// Published claims and fixtures at the level of whole runs.
+mod published;
+// Filters start from data, never from truth.
+mod truth_leak;
+
+mod support;

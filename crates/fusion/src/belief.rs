@@ -30,6 +30,7 @@ use lumenav_core::{
     AxisStep, BlockSpec, FixKind, Instant, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate, SimTime,
 };
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3xX, Matrix6, MatrixXx3, Vector3};
+use std::sync::Arc;
 
 /// First column of the pose, velocity and rate parts, and the number of columns of a state without blocks.
 pub const POSE: usize = 0;
@@ -53,7 +54,8 @@ pub struct Belief {
     /// Covariance of the error.
     pub covariance: DMatrix<f64>,
     /// Blocks in the order of their columns, with their random walks.
-    blocks: Vec<BlockSpec>,
+    /// Shared with the copies that the event log keeps.
+    blocks: Arc<Vec<BlockSpec>>,
 }
 
 impl Belief {
@@ -72,7 +74,7 @@ impl Belief {
             covariance[(VELOCITY + i, VELOCITY + i)] = velocity_sigma_m_s.powi(2);
             covariance[(RATE + i, RATE + i)] = rate_sigma_rad_s.powi(2);
         }
-        Self { at, state: NominalState::at_rest(fix.world_from_capsule), covariance, blocks: Vec::new() }
+        Self { at, state: NominalState::at_rest(fix.world_from_capsule), covariance, blocks: Arc::default() }
     }
 
     /// Number of error columns.
@@ -88,7 +90,7 @@ impl Belief {
             Part::AngularRate => Some((RATE, 3)),
             Part::Block(name) => {
                 let mut start = CORE;
-                for block in &self.blocks {
+                for block in self.blocks.iter() {
                     if block.name == *name {
                         return Some((start, block.initial.len()));
                     }
@@ -104,8 +106,9 @@ impl Belief {
     }
 
     /// `δω_capsule` by the filter's own columns: `[ω]ₓ` for δθ, `Rᵀ` for δω_world.
-    pub fn rate_by_columns(&self) -> (Matrix3<f64>, Matrix3<f64>) {
-        (skew(&self.state.angular_rate_capsule_rad_s), self.capsule_from_world())
+    pub fn rate_by_columns(state: &NominalState) -> (Matrix3<f64>, Matrix3<f64>) {
+        let capsule_from_world = state.world_from_capsule.rotation.to_rotation_matrix().into_inner().transpose();
+        (skew(&state.angular_rate_capsule_rad_s), capsule_from_world)
     }
 
     fn first_clone_column(&self) -> usize {
@@ -124,7 +127,7 @@ impl Belief {
             self.covariance[(at + i, at + i)] = spec.initial_sigma[i].powi(2);
         }
         self.state.blocks.insert(spec.name.clone(), spec.initial.clone());
-        self.blocks.push(spec.clone());
+        Arc::make_mut(&mut self.blocks).push(spec.clone());
     }
 
     /// Keeps a copy of the pose of this instant, fully correlated with the pose now (stochastic cloning: Roumeliotis and
@@ -301,7 +304,7 @@ impl Belief {
 
     fn walk_blocks(&mut self, dt_s: f64) {
         let mut column = CORE;
-        for block in &self.blocks {
+        for block in self.blocks.iter() {
             for walk in block.random_walk.iter() {
                 self.covariance[(column, column)] += walk * walk * dt_s;
                 column += 1;
@@ -319,39 +322,51 @@ impl Belief {
         view += columns;
     }
 
-    /// Moves the nominal state by an error and carries the covariance into the new tangent space: rotation columns are
-    /// multiplied by the right Jacobian of the injected rotation.
-    pub fn inject(&mut self, error: &DVector<f64>) {
-        let before = self.state.world_from_capsule.rotation;
-        correct_pose(&mut self.state.world_from_capsule, error, POSE);
-        self.state.perturb(&Part::Velocity, error.rows(VELOCITY, 3));
-        let rate_world = before * self.state.angular_rate_capsule_rad_s
-            + Vector3::new(error[RATE], error[RATE + 1], error[RATE + 2]);
-        self.state.angular_rate_capsule_rad_s =
-            self.state.world_from_capsule.rotation.inverse() * rate_world;
-        self.reset_rotation(3, error);
+    /// The nominal state moved by an error (as many entries as this belief has columns).
+    pub fn moved_state(&self, error: &DVector<f64>) -> NominalState {
+        let mut state = self.state.clone();
+        self.correct(&mut state, error);
+        state
+    }
+
+    fn correct(&self, state: &mut NominalState, error: &DVector<f64>) {
+        let before = state.world_from_capsule.rotation;
+        correct_pose(&mut state.world_from_capsule, error, POSE);
+        state.velocity_world_m_s += error.fixed_rows::<3>(VELOCITY);
+        let rate_world = before * state.angular_rate_capsule_rad_s + error.fixed_rows::<3>(RATE);
+        state.angular_rate_capsule_rad_s = state.world_from_capsule.rotation.inverse() * rate_world;
         let mut column = CORE;
-        for block in &self.blocks {
+        for block in self.blocks.iter() {
             let width = block.initial.len();
-            self.state.perturb(&Part::Block(block.name.clone()), error.rows(column, width));
+            if let Some(values) = state.blocks.get_mut(&block.name) {
+                *values += error.rows(column, width);
+            }
             column += width;
         }
-        let times: Vec<SimTime> = self.state.clones.keys().copied().collect();
-        for at in times {
-            if let Some(pose) = self.state.clones.get_mut(&at) {
-                correct_pose(pose, error, column);
-            }
-            self.reset_rotation(column + 3, error);
+        for pose in state.clones.values_mut() {
+            correct_pose(pose, error, column);
             column += 6;
+        }
+    }
+
+    /// Moves the nominal state by an error and carries the covariance into the tangent space behind the correction.
+    pub fn inject(&mut self, error: &DVector<f64>) {
+        let mut state = std::mem::replace(&mut self.state, NominalState::at_rest(Isometry3::identity()));
+        self.correct(&mut state, error);
+        self.state = state;
+        self.reset_rotation(POSE + 3, error);
+        let first = self.first_clone_column();
+        for index in 0..self.state.clones.len() {
+            self.reset_rotation(first + 6 * index + 3, error);
         }
     }
 
     /// Carries the rotation columns at `at` into the tangent space behind a correction.
     fn reset_rotation(&mut self, at: usize, error: &DVector<f64>) {
-        let pointing = Vector3::new(0.0, error[at + 1], error[at + 2]);
-        let unroll = exp_so3(&Vector3::new(-error[at], 0.0, 0.0)).to_rotation_matrix().into_inner();
-        let mut reset = unroll * right_jacobian_so3(&pointing);
-        reset.set_column(0, &Vector3::x());
+        if (at..at + 3).all(|i| error[i] == 0.0) {
+            return;
+        }
+        let reset = correction_jacobian(error, at);
         let p = &mut self.covariance;
         for j in 0..p.ncols() {
             let v = reset * Vector3::new(p[(at, j)], p[(at + 1, j)], p[(at + 2, j)]);
@@ -414,6 +429,15 @@ fn correct_pose(pose: &mut Isometry3<f64>, error: &DVector<f64>, at: usize) {
     let pointing = exp_so3(&Vector3::new(0.0, error[at + 4], error[at + 5]));
     let roll = exp_so3(&Vector3::new(error[at + 3], 0.0, 0.0));
     pose.rotation = renormalize(pose.rotation * pointing * roll);
+}
+
+/// G: a small error behind a correction by the rotation at `error[at..at + 3]`, per change of the correction itself.
+pub(crate) fn correction_jacobian(error: &DVector<f64>, at: usize) -> Matrix3<f64> {
+    let pointing = Vector3::new(0.0, error[at + 1], error[at + 2]);
+    let unroll = exp_so3(&Vector3::new(-error[at], 0.0, 0.0)).to_rotation_matrix().into_inner();
+    let mut jacobian = unroll * right_jacobian_so3(&pointing);
+    jacobian.set_column(0, &Vector3::x());
+    jacobian
 }
 
 fn add_block(matrix: &mut DMatrix<f64>, row: usize, column: usize, block: &Matrix3<f64>) {

@@ -376,13 +376,11 @@ impl Eskf {
             let worst_channels = worst_channels(&proposal.first, 3);
             return Verdict::Refused(Refused::Gate { innovation, threshold, worst_channels });
         }
-        let before = belief.clone();
-        proposal.apply(belief);
-        if belief.is_sound() {
-            return Verdict::Accepted(innovation);
+        if !proposal.is_sound() {
+            return Verdict::Refused(Refused::Failed("the update leaves numbers that are not finite".to_owned()));
         }
-        *belief = before;
-        Verdict::Refused(Refused::Failed("the update left numbers that are not finite".to_owned()))
+        proposal.apply(belief);
+        Verdict::Accepted(innovation)
     }
 }
 

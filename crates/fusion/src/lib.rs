@@ -9,6 +9,7 @@
 //! log: delays, replay, start, loss and re-acquisition), [`options`] (what a user may set).
 
 pub mod belief;
+mod dense;
 pub mod eskf;
 pub mod gate;
 pub mod options;

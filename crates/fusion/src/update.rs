@@ -6,26 +6,33 @@
 //! A = Hᵀ R⁻¹ H  (c x c)        b = Hᵀ R⁻¹ r  (c)
 //! ```
 //!
-//! With P the covariance, P_cc its block of those columns, P_cc = C Cᵀ, W = C⁻¹ P_c: and M = I + Cᵀ A C (symmetric, no
-//! eigenvalue below 1, so well conditioned whatever A and P are):
+//! With P the covariance, P_cc its block of those columns, P_cc = C Cᵀ, X = P_:c C⁻ᵀ and M = I + Cᵀ A C = L Lᵀ (symmetric,
+//! no eigenvalue below 1, so well conditioned whatever A and P are), Y = X L⁻ᵀ, y = L⁻¹ Cᵀ b:
 //!
 //! ```text
-//! δ  = Wᵀ M⁻¹ Cᵀ b
-//! P⁺ = (P - Wᵀ W) + Wᵀ M⁻¹ W
+//! δ  = Y y
+//! P⁺ = (P - X Xᵀ) + Y Yᵀ
 //! ```
 //!
 //! The first bracket is the covariance of the rest given the touched columns, the second what the measurement leaves:
 //! both positive semidefinite by construction, which is what the Joseph form is for, at a cost that depends on c and not
 //! on the number of readings.
 //!
-//! Normalised innovation squared: residual form `rᵀ S⁻¹ r = rᵀR⁻¹r - bᵀ C M⁻¹ Cᵀ b` with as many degrees of freedom as
-//! readings; information form the squared distance of the peak of the likelihood from the prediction, with the rank of A.
+//! Normalised innovation squared, residual form: `rᵀ S⁻¹ r = |R^(-1/2) (r - H C u)|² + |u|²` with `u = M⁻¹ Cᵀ b`: a sum of
+//! squares, where the difference `rᵀR⁻¹r - yᵀy` would lose its digits to a vague prior. As many degrees of freedom as
+//! readings. Information form: the squared distance of the peak of the likelihood from the prediction, with the rank of A.
+//!
+//! Log-likelihood of the measurement given all before it, residual form: `-½ (rᵀS⁻¹r + ln det R + ln det M + m ln 2π)`;
+//! information form: `ℓ + ½ yᵀy - ½ ln det M` (Laplace), up to a constant of the measurement.
 //!
 //! A strongly nonlinear model is re-linearised (Gauss-Newton on the posterior: Bell and Cathey 1993): with e the error from
-//! the predicted to the current state, b is replaced by b + A e.
+//! the predicted to the current state, derivatives by the current state's error are turned into derivatives by e (rotation
+//! columns times the Jacobian G of the correction, see [`crate::belief`]), and b is replaced by b + A e. Its fixed point is
+//! the posterior's mode.
 
-use crate::belief::{Belief, POSE, RATE};
-use lumenav_core::{Linearization, Measurement, ModalityError, Noise, Part};
+use crate::belief::{Belief, POSE, RATE, correction_jacobian};
+use crate::dense::{add_outer_lower, cholesky_semidefinite, congruence, mirror_lower, solve_right_transposed};
+use lumenav_core::{Linearization, Measurement, ModalityError, Noise, NominalState, Part};
 use nalgebra::{DMatrix, DVector};
 
 /// A linearised measurement reduced to the columns it touches.
@@ -37,8 +44,18 @@ pub struct Compressed {
     pub information: DMatrix<f64>,
     /// `Hᵀ R⁻¹ r`.
     pub gradient: DVector<f64>,
-    /// `rᵀ R⁻¹ r` and the number of readings; `None` in information form.
-    pub residual_square: Option<(f64, usize)>,
+    /// Where in `columns` the three rotation columns of a pose begin.
+    rotations: Vec<usize>,
+    evidence: Evidence,
+}
+
+/// What of a measurement does not go into information and gradient.
+#[derive(Clone, Debug)]
+enum Evidence {
+    /// Residual form: `R^(-1/2) [H r]` and `ln det R`.
+    Residual { whitened: DMatrix<f64>, noise_log_determinant: f64 },
+    /// Information form: `ℓ` at the state of the linearization.
+    Information { log_likelihood: f64 },
 }
 
 /// What an update did, before it is accepted.
@@ -48,6 +65,9 @@ pub struct Innovation {
     pub chi_square: f64,
     /// Its degrees of freedom.
     pub degrees_of_freedom: f64,
+    /// Natural logarithm of the measurement's probability density given all before it; information form: up to a constant of
+    /// the measurement.
+    pub log_likelihood: f64,
 }
 
 /// Largest standardised residuals: which channels speak loudest against the prediction.
@@ -62,27 +82,33 @@ pub fn worst_channels(linearization: &Linearization, count: usize) -> Vec<(usize
     all
 }
 
-/// Reduces a linearization to the belief's columns.
+/// Reduces a linearization, made at `state`, to the belief's columns.
 ///
 /// # Errors
 /// [`ModalityError`] where the belief does not hold a part, shapes disagree, or a noise is not positive definite.
-pub fn compress(linearization: &Linearization, belief: &Belief) -> Result<Compressed, ModalityError> {
+pub fn compress(
+    linearization: &Linearization,
+    belief: &Belief,
+    state: &NominalState,
+) -> Result<Compressed, ModalityError> {
     match linearization {
         Linearization::Residual { residual, jacobian, noise } => {
-            compress_residual(residual, jacobian, noise, belief)
+            compress_residual(residual, jacobian, noise, belief, state)
         }
-        Linearization::Information { parts, gradient, information, .. } => {
-            let touched = Touched::by(parts.iter(), belief)?;
-            let asked = touched.to_parts.nrows();
-            if asked != gradient.len() || information.shape() != (asked, asked) {
+        Linearization::Information { parts, gradient, information, log_likelihood, .. } => {
+            let touched = Touched::by(parts.iter(), belief, state)?;
+            if touched.width != gradient.len() || information.shape() != (touched.width, touched.width) {
                 return Err(ModalityError::Undefined("information, gradient and parts disagree in size".into()));
             }
-            Ok(Compressed {
-                information: touched.to_parts.tr_mul(&(information * &touched.to_parts)),
-                gradient: touched.to_parts.tr_mul(gradient),
-                columns: touched.columns,
-                residual_square: None,
-            })
+            let (information, gradient) = match &touched.to_parts {
+                None => (information.clone(), gradient.clone()),
+                Some(to_parts) => {
+                    (to_parts.tr_mul(&(information * to_parts)), to_parts.tr_mul(gradient))
+                }
+            };
+            let evidence = Evidence::Information { log_likelihood: *log_likelihood };
+            let Touched { columns, rotations, .. } = touched;
+            Ok(Compressed { columns, information, gradient, rotations, evidence })
         }
     }
 }
@@ -90,15 +116,23 @@ pub fn compress(linearization: &Linearization, belief: &Belief) -> Result<Compre
 /// The filter's columns that a list of parts touches, and how the parts' errors follow from them.
 struct Touched {
     columns: Vec<usize>,
-    /// Part columns by filter columns: the identity, but for the angular rate (see [`crate::belief`]).
-    to_parts: DMatrix<f64>,
-    /// Whether it is the identity, so that the product can be left out.
-    plain: bool,
+    /// Where in `columns` the three rotation columns of a pose begin.
+    rotations: Vec<usize>,
+    /// Columns of all parts together.
+    width: usize,
+    /// Part columns by filter columns; `None` for the identity, which it is but for the angular rate (see [`crate::belief`])
+    /// and a part that stands twice.
+    to_parts: Option<DMatrix<f64>>,
 }
 
 impl Touched {
-    fn by<'a>(parts: impl Iterator<Item = &'a Part> + Clone, belief: &Belief) -> Result<Self, ModalityError> {
-        let mut columns = Vec::with_capacity(12);
+    fn by<'a>(
+        parts: impl Iterator<Item = &'a Part> + Clone,
+        belief: &Belief,
+        state: &NominalState,
+    ) -> Result<Self, ModalityError> {
+        let mut columns = Vec::with_capacity(18);
+        let mut turning = Vec::with_capacity(2);
         let mut width = 0;
         let mut plain = true;
         for part in parts.clone() {
@@ -107,34 +141,54 @@ impl Touched {
                 _ => ModalityError::MissingState("the clone that the measurement refers to"),
             })?;
             plain &= *part != Part::AngularRate && !columns.contains(&start);
+            match part {
+                Part::Pose(_) => turning.push(start + 3),
+                Part::AngularRate => turning.push(POSE + 3),
+                Part::Velocity | Part::Block(_) => {}
+            }
             columns.extend(start..start + count);
             width += count;
         }
-        if plain {
-            return Ok(Self { columns, to_parts: DMatrix::identity(width, width), plain });
-        }
-        if parts.clone().any(|part| *part == Part::AngularRate) {
-            columns.extend(POSE + 3..POSE + 6);
-        }
-        columns.sort_unstable();
-        columns.dedup();
-        let mut to_parts = DMatrix::zeros(width, columns.len());
-        let place = |column: usize| columns.binary_search(&column).unwrap_or(0);
-        let mut row = 0;
-        for part in parts {
-            // Found above.
-            let Some((start, count)) = belief.columns(part) else { continue };
-            if *part == Part::AngularRate {
-                let (by_angle, by_rate) = belief.rate_by_columns();
-                to_parts.fixed_view_mut::<3, 3>(row, place(POSE + 3)).copy_from(&by_angle);
-                to_parts.fixed_view_mut::<3, 3>(row, place(RATE)).copy_from(&by_rate);
-            } else {
-                (0..count).for_each(|i| to_parts[(row + i, place(start + i))] = 1.0);
+        let to_parts = (!plain).then(|| {
+            if parts.clone().any(|part| *part == Part::AngularRate) {
+                columns.extend(POSE + 3..POSE + 6);
             }
-            row += count;
-        }
-        Ok(Self { columns, to_parts, plain })
+            columns.sort_unstable();
+            columns.dedup();
+            turning.sort_unstable();
+            turning.dedup();
+            mixed_parts(parts, belief, state, &columns, width)
+        });
+        // Every turning column was put among the columns above.
+        let rotations = turning.iter().filter_map(|first| columns.iter().position(|c| c == first)).collect();
+        Ok(Self { columns, rotations, width, to_parts })
     }
+}
+
+/// Part columns (`width` rows) by filter columns (sorted).
+fn mixed_parts<'a>(
+    parts: impl Iterator<Item = &'a Part>,
+    belief: &Belief,
+    state: &NominalState,
+    columns: &[usize],
+    width: usize,
+) -> DMatrix<f64> {
+    let mut to_parts = DMatrix::zeros(width, columns.len());
+    // Every column looked for here was put there by the caller.
+    let place = |column: usize| columns.binary_search(&column).unwrap_or(0);
+    let mut row = 0;
+    for part in parts {
+        let Some((start, count)) = belief.columns(part) else { continue };
+        if *part == Part::AngularRate {
+            let (by_angle, by_rate) = Belief::rate_by_columns(state);
+            to_parts.fixed_view_mut::<3, 3>(row, place(POSE + 3)).copy_from(&by_angle);
+            to_parts.fixed_view_mut::<3, 3>(row, place(RATE)).copy_from(&by_rate);
+        } else {
+            (0..count).for_each(|i| to_parts[(row + i, place(start + i))] = 1.0);
+        }
+        row += count;
+    }
+    to_parts
 }
 
 fn compress_residual(
@@ -142,32 +196,31 @@ fn compress_residual(
     jacobian: &[(Part, DMatrix<f64>)],
     noise: &Noise,
     belief: &Belief,
+    state: &NominalState,
 ) -> Result<Compressed, ModalityError> {
-    let touched = Touched::by(jacobian.iter().map(|(part, _)| part), belief)?;
-    let (m, asked) = (residual.len(), touched.to_parts.nrows());
-    let mut by_parts = DMatrix::zeros(m, asked + 1);
+    let touched = Touched::by(jacobian.iter().map(|(part, _)| part), belief, state)?;
+    let (m, asked) = (residual.len(), touched.width);
+    let mut whitened = DMatrix::zeros(m, asked + 1);
     let mut column = 0;
     for (_, matrix) in jacobian {
         if matrix.nrows() != m || column + matrix.ncols() > asked {
             return Err(ModalityError::Undefined("a Jacobian's shape disagrees with its residual".into()));
         }
-        by_parts.columns_mut(column, matrix.ncols()).copy_from(matrix);
+        whitened.columns_mut(column, matrix.ncols()).copy_from(matrix);
         column += matrix.ncols();
     }
     if column != asked {
         return Err(ModalityError::Undefined("a Jacobian's columns disagree with its part".into()));
     }
-    by_parts.set_column(asked, residual);
-    whiten(&mut by_parts, noise)?;
+    whitened.set_column(asked, residual);
+    let noise_log_determinant = whiten(&mut whitened, noise)?;
     let c = touched.columns.len();
-    let whitened = if touched.plain {
-        by_parts
-    } else {
+    if let Some(to_parts) = &touched.to_parts {
         let mut product = DMatrix::zeros(m, c + 1);
-        product.columns_mut(0, c).copy_from(&(by_parts.columns(0, asked) * &touched.to_parts));
-        product.set_column(c, &by_parts.column(asked));
-        product
-    };
+        product.columns_mut(0, c).copy_from(&(whitened.columns(0, asked) * to_parts));
+        product.set_column(c, &whitened.column(asked));
+        whitened = product;
+    }
     let mut information = DMatrix::zeros(c, c);
     let mut gradient = DVector::zeros(c);
     for i in 0..c {
@@ -179,75 +232,110 @@ fn compress_residual(
         }
         gradient[i] = left.dot(&whitened.column(c));
     }
-    let residual_square = Some((whitened.column(c).norm_squared(), m));
-    Ok(Compressed { columns: touched.columns, information, gradient, residual_square })
+    let evidence = Evidence::Residual { whitened, noise_log_determinant };
+    let Touched { columns, rotations, .. } = touched;
+    Ok(Compressed { columns, information, gradient, rotations, evidence })
 }
 
-/// Multiplies rows by `R^(-1/2)`.
-fn whiten(rows: &mut DMatrix<f64>, noise: &Noise) -> Result<(), ModalityError> {
+/// Multiplies rows by `R^(-1/2)`; `ln det R`.
+fn whiten(rows: &mut DMatrix<f64>, noise: &Noise) -> Result<f64, ModalityError> {
     match noise {
-        Noise::Diagonal(variances) => {
-            if variances.len() != rows.nrows() || variances.iter().any(|v| v.is_nan() || *v <= 0.0) {
-                return Err(noise_not_positive());
-            }
-            for (mut row, variance) in rows.row_iter_mut().zip(variances.iter()) {
-                row /= variance.sqrt();
-            }
-            Ok(())
-        }
+        Noise::Diagonal(variances) => whiten_diagonal(rows, variances.as_slice()),
         Noise::Full(full) if full.nrows() == rows.nrows() => whiten_block(rows, 0, full),
         Noise::Blocks(blocks) if blocks.iter().map(DMatrix::nrows).sum::<usize>() == rows.nrows() => {
-            let mut start = 0;
+            let (mut start, mut log_determinant) = (0, 0.0);
             for block in blocks {
-                whiten_block(rows, start, block)?;
+                log_determinant += whiten_block(rows, start, block)?;
                 start += block.nrows();
             }
-            Ok(())
+            Ok(log_determinant)
         }
         _ => Err(ModalityError::Undefined("a measurement's noise disagrees with its residual in size".into())),
     }
 }
 
-fn whiten_block(rows: &mut DMatrix<f64>, start: usize, block: &DMatrix<f64>) -> Result<(), ModalityError> {
+fn whiten_diagonal(rows: &mut DMatrix<f64>, variances: &[f64]) -> Result<f64, ModalityError> {
+    if variances.len() != rows.nrows() || variances.iter().any(|v| v.is_nan() || *v <= 0.0) {
+        return Err(noise_not_positive());
+    }
+    if variances.is_empty() {
+        return Ok(0.0);
+    }
+    let weights: Vec<f64> = variances.iter().map(|v| 1.0 / v.sqrt()).collect();
+    for column in rows.as_mut_slice().chunks_exact_mut(variances.len()) {
+        column.iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
+    }
+    Ok(log_of_product(variances.iter().copied()))
+}
+
+/// Sum of logarithms, four factors per logarithm: variances of any unit (1e-30 for a flux in tesla squared) stay in range.
+fn log_of_product(mut factors: impl Iterator<Item = f64>) -> f64 {
+    let mut sum = 0.0;
+    while let Some(first) = factors.next() {
+        sum += factors.by_ref().take(3).fold(first, |product, factor| product * factor).ln();
+    }
+    sum
+}
+
+fn whiten_block(rows: &mut DMatrix<f64>, start: usize, block: &DMatrix<f64>) -> Result<f64, ModalityError> {
     let factor = block.clone().cholesky().ok_or_else(noise_not_positive)?;
     let mut part = rows.rows_mut(start, block.nrows());
-    if factor.l_dirty().solve_lower_triangular_mut(&mut part) { Ok(()) } else { Err(noise_not_positive()) }
+    if factor.l_dirty().solve_lower_triangular_mut(&mut part) {
+        Ok(2.0 * log_of_product(factor.l_dirty().diagonal().iter().copied()))
+    } else {
+        Err(noise_not_positive())
+    }
 }
 
 fn noise_not_positive() -> ModalityError {
     ModalityError::Undefined("a measurement's noise is not positive definite".into())
 }
 
-/// The gain of an update at one linearization: everything that does not depend on the gradient.
+/// The part of an update that depends on the belief and the touched columns alone.
 struct Gain {
     /// C of `P_cc = C Cᵀ`.
     root: DMatrix<f64>,
-    /// W = C⁻¹ P_c:.
+    /// X = P_:c C⁻ᵀ.
     spread: DMatrix<f64>,
 }
 
 impl Gain {
     fn new(belief: &Belief, columns: &[usize]) -> Result<Self, ModalityError> {
-        let touched = belief.covariance.select_rows(columns);
-        let block = touched.select_columns(columns);
-        let root = block
-            .cholesky()
-            .ok_or_else(|| ModalityError::Undefined("the belief's covariance lost its definiteness".into()))?
-            .unpack();
-        let mut spread = touched;
-        // The diagonal of a Cholesky factor is positive, so this solve succeeds.
-        root.solve_lower_triangular_mut(&mut spread);
+        let mut spread = belief.covariance.select_columns(columns);
+        let root = cholesky_semidefinite(spread.select_rows(columns))
+            .ok_or_else(|| ModalityError::Undefined("the belief's covariance lost its definiteness".into()))?;
+        solve_right_transposed(&mut spread, &root);
         Ok(Self { root, spread })
     }
 
-    /// M = I + Cᵀ A C, factored.
-    fn factor(&self, information: &DMatrix<f64>) -> Result<nalgebra::Cholesky<f64, nalgebra::Dyn>, ModalityError> {
-        let mut m = self.root.tr_mul(&(information * &self.root));
-        for i in 0..m.nrows() {
-            m[(i, i)] += 1.0;
-        }
-        m.cholesky().ok_or_else(|| ModalityError::Undefined("a measurement's information is not semidefinite".into()))
+    /// L of `M = I + Cᵀ A C = L Lᵀ`, and what follows from it.
+    fn solve(&self, information: &DMatrix<f64>, gradient: &DVector<f64>) -> Result<Solution, ModalityError> {
+        let mut m = congruence(information, &self.root);
+        (0..m.nrows()).for_each(|i| m[(i, i)] += 1.0);
+        // Every pivot of I + (semidefinite) is at least 1, but for rounding.
+        let factor = cholesky_semidefinite(m)
+            .filter(|factor| factor.diagonal().iter().all(|pivot| *pivot > 0.5))
+            .ok_or_else(|| ModalityError::Undefined("a measurement's information is not semidefinite".into()))?;
+        let mut weight = self.root.tr_mul(gradient);
+        // The pivots are positive by the line above, so this solve succeeds.
+        factor.solve_lower_triangular_mut(&mut weight);
+        let mut spread = self.spread.clone();
+        solve_right_transposed(&mut spread, &factor);
+        let error = &spread * &weight;
+        Ok(Solution { factor, weight, spread, error })
     }
+}
+
+/// One linearization's update.
+struct Solution {
+    /// L.
+    factor: DMatrix<f64>,
+    /// y = L⁻¹ Cᵀ b.
+    weight: DVector<f64>,
+    /// Y = X L⁻ᵀ.
+    spread: DMatrix<f64>,
+    /// δ.
+    error: DVector<f64>,
 }
 
 /// An update worked out but not yet applied.
@@ -271,35 +359,56 @@ pub fn propose(
     max_iterations: u32,
 ) -> Result<Proposal, ModalityError> {
     let first = measurement.model.linearize(measurement, &belief.state)?;
-    let compressed = compress(&first, belief)?;
+    let compressed = compress(&first, belief, &belief.state)?;
     let gain = Gain::new(belief, &compressed.columns)?;
-    let factor = gain.factor(&compressed.information)?;
-    let innovation = innovation_of(&compressed, &gain, &factor);
-    let mut last = compressed;
-    let mut last_factor = factor;
-    let mut error = gain.spread.tr_mul(&last_factor.solve(&gain.root.tr_mul(&last.gradient)));
+    let mut solution = gain.solve(&compressed.information, &compressed.gradient)?;
+    let innovation = innovation_of(&compressed, &gain, &solution);
     if measurement.model.strongly_nonlinear() {
         for _ in 1..max_iterations {
-            let mut moved = belief.clone();
-            moved.inject(&error);
-            let again = compress(&measurement.model.linearize(measurement, &moved.state)?, belief)?;
-            let from_prior = DVector::from_iterator(again.columns.len(), again.columns.iter().map(|c| error[*c]));
-            let target = &again.gradient + &again.information * from_prior;
-            let next_factor = gain.factor(&again.information)?;
-            let next = gain.spread.tr_mul(&next_factor.solve(&gain.root.tr_mul(&target)));
-            let change = change_in_sigmas(&(&next - &error), &again.columns, &gain, &next_factor);
-            (error, last, last_factor) = (next, again, next_factor);
+            let moved = belief.moved_state(&solution.error);
+            let mut again = compress(&measurement.model.linearize(measurement, &moved)?, belief, &moved)?;
+            if again.columns != compressed.columns {
+                return Err(ModalityError::Undefined("a model changed its parts between iterations".into()));
+            }
+            again.seen_from_prior(&solution.error);
+            let next = gain.solve(&again.information, &again.gradient)?;
+            let change = change_in_sigmas(&(&next.error - &solution.error), &again.columns, &gain, &next.factor);
+            solution = next;
             // A hundredth of a standard deviation: below what the next reading can tell.
             if change < 1e-2 {
                 break;
             }
         }
     }
-    let covariance = posterior(belief, &last.columns, &gain, &last_factor);
-    Ok(Proposal { innovation, first, error, covariance })
+    let covariance = posterior(belief, &compressed.columns, &gain, &solution);
+    Ok(Proposal { innovation, first, error: solution.error, covariance })
+}
+
+impl Compressed {
+    /// Turns a linearization at the state moved by `error` into one by the error itself: `b + A e` on the columns of e.
+    fn seen_from_prior(&mut self, error: &DVector<f64>) {
+        for at in &self.rotations {
+            let jacobian = correction_jacobian(error, self.columns[*at]);
+            let rows = jacobian.transpose() * self.information.fixed_rows::<3>(*at);
+            self.information.fixed_rows_mut::<3>(*at).copy_from(&rows);
+            let columns = self.information.fixed_columns::<3>(*at) * jacobian;
+            self.information.fixed_columns_mut::<3>(*at).copy_from(&columns);
+            let gradient = jacobian.transpose() * self.gradient.fixed_rows::<3>(*at);
+            self.gradient.fixed_rows_mut::<3>(*at).copy_from(&gradient);
+        }
+        let touched = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|c| error[*c]));
+        self.gradient.gemv(1.0, &self.information, &touched, 1.0);
+    }
 }
 
 impl Proposal {
+    /// Whether every number of the update is finite and no variance negative.
+    pub fn is_sound(&self) -> bool {
+        self.error.iter().all(|v| v.is_finite())
+            && self.covariance.iter().all(|v| v.is_finite())
+            && self.covariance.diagonal().iter().all(|v| *v >= 0.0)
+    }
+
     /// Applies the update.
     pub fn apply(self, belief: &mut Belief) {
         belief.covariance = self.covariance;
@@ -316,33 +425,36 @@ impl Proposal {
     }
 }
 
-/// Distance between two iterations in posterior standard deviations: `|Lᵀ C⁻¹ d|` with `M = L Lᵀ`, d on the touched columns.
-fn change_in_sigmas(
-    change: &DVector<f64>,
-    columns: &[usize],
-    gain: &Gain,
-    factor: &nalgebra::Cholesky<f64, nalgebra::Dyn>,
-) -> f64 {
-    let mut touched = DVector::from_iterator(columns.len(), columns.iter().map(|c| change[*c]));
-    // The diagonal of a Cholesky factor is positive, so this solve succeeds.
-    gain.root.solve_lower_triangular_mut(&mut touched);
-    factor.l_dirty().lower_triangle().tr_mul(&touched).norm()
+/// Distance between two iterations in posterior standard deviations: `|Lᵀ C⁻¹ d|`, d on the touched columns.
+fn change_in_sigmas(change: &DVector<f64>, columns: &[usize], gain: &Gain, factor: &DMatrix<f64>) -> f64 {
+    let mut touched = DMatrix::from_iterator(1, columns.len(), columns.iter().map(|c| change[*c]));
+    solve_right_transposed(&mut touched, &gain.root);
+    factor.tr_mul(&touched.transpose()).norm()
 }
 
-fn innovation_of(
-    compressed: &Compressed,
-    gain: &Gain,
-    factor: &nalgebra::Cholesky<f64, nalgebra::Dyn>,
-) -> Innovation {
-    let projected = gain.root.tr_mul(&compressed.gradient);
-    match compressed.residual_square {
-        Some((square, readings)) => Innovation {
-            chi_square: square - projected.dot(&factor.solve(&projected)),
-            degrees_of_freedom: readings as f64,
-        },
-        None => {
+fn innovation_of(compressed: &Compressed, gain: &Gain, solution: &Solution) -> Innovation {
+    let log_determinant = 2.0 * log_of_product(solution.factor.diagonal().iter().copied());
+    match &compressed.evidence {
+        Evidence::Residual { whitened, noise_log_determinant } => {
+            let (m, c) = (whitened.nrows(), compressed.columns.len());
+            // u = L⁻ᵀ y; the pivots of L are positive, so this solve succeeds.
+            let mut start = solution.weight.clone();
+            solution.factor.tr_solve_lower_triangular_mut(&mut start);
+            let explained = &gain.root * &start;
+            let mut left = whitened.column(c).into_owned();
+            left.gemv(-1.0, &whitened.columns(0, c), &explained, 1.0);
+            let chi_square = left.norm_squared() + start.norm_squared();
+            let normalisation = noise_log_determinant + m as f64 * std::f64::consts::TAU.ln();
+            Innovation {
+                chi_square,
+                degrees_of_freedom: m as f64,
+                log_likelihood: -0.5 * (chi_square + log_determinant + normalisation),
+            }
+        }
+        Evidence::Information { log_likelihood } => {
             // In the basis where Cᵀ A C = diag(λ): Σ b'²/(λ(1 + λ)) over the directions that A speaks about.
-            let eigen = gain.root.tr_mul(&(&compressed.information * &gain.root)).symmetric_eigen();
+            let projected = gain.root.tr_mul(&compressed.gradient);
+            let eigen = congruence(&compressed.information, &gain.root).symmetric_eigen();
             let largest = eigen.eigenvalues.max().max(0.0);
             let (mut chi_square, mut rank) = (0.0, 0.0);
             for (i, lambda) in eigen.eigenvalues.iter().enumerate() {
@@ -352,27 +464,24 @@ fn innovation_of(
                     rank += 1.0;
                 }
             }
-            Innovation { chi_square, degrees_of_freedom: rank }
+            Innovation {
+                chi_square,
+                degrees_of_freedom: rank,
+                log_likelihood: log_likelihood + 0.5 * (solution.weight.norm_squared() - log_determinant),
+            }
         }
     }
 }
 
-/// `P⁺ = (P - WᵀW) + Wᵀ M⁻¹ W`, the bracket exactly zero on the touched columns.
-fn posterior(
-    belief: &Belief,
-    columns: &[usize],
-    gain: &Gain,
-    factor: &nalgebra::Cholesky<f64, nalgebra::Dyn>,
-) -> DMatrix<f64> {
-    let mut given = belief.covariance.clone();
-    given.gemm_tr(-1.0, &gain.spread, &gain.spread, 1.0);
+/// `P⁺ = (P - X Xᵀ) + Y Yᵀ`, the bracket exactly zero on the touched columns.
+fn posterior(belief: &Belief, columns: &[usize], gain: &Gain, solution: &Solution) -> DMatrix<f64> {
+    let mut covariance = belief.covariance.clone();
+    add_outer_lower(&mut covariance, &gain.spread, -1.0);
     for column in columns {
-        given.column_mut(*column).fill(0.0);
-        given.row_mut(*column).fill(0.0);
+        covariance.column_mut(*column).fill(0.0);
+        covariance.row_mut(*column).fill(0.0);
     }
-    let mut left = gain.spread.clone();
-    // The factor's diagonal is at least 1, so this solve succeeds.
-    factor.l_dirty().solve_lower_triangular_mut(&mut left);
-    given.gemm_tr(1.0, &left, &left, 1.0);
-    given
+    add_outer_lower(&mut covariance, &solution.spread, 1.0);
+    mirror_lower(&mut covariance);
+    covariance
 }

@@ -13,7 +13,7 @@ use lumenav_anatomy::tract::Tract;
 use lumenav_anatomy::tract_file::{self, TractOptions};
 use lumenav_anatomy::tube_mesh;
 use lumenav_core::config::quantity::{Finite, NonNegative};
-use lumenav_core::{CapsuleTruth, ConfigError, Node, Primitive, RandomStreams, SimTime, TruthView};
+use lumenav_core::{CapsuleTruth, ConfigError, Primitive, RandomStreams, SimTime, TruthView};
 use nalgebra::{Isometry3, Vector3};
 use std::ops::Range;
 use std::sync::Arc;

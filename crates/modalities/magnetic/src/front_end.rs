@@ -12,7 +12,7 @@ use crate::array::SensorArray;
 use crate::channels::{Channels, MagnetPose};
 use crate::config::{Installed, OptionsTable};
 use crate::model::{FixOfFlux, FluxModel};
-use crate::solver::{Readings, Search, Solution, Workspace, solve, solve_from_all};
+use crate::solver::{FREEDOM, Readings, Search, Solution, Workspace, covariance_growth, solve, solve_each};
 use lumenav_core::pose::{attitude_from_axis, skew, tangent_basis};
 use lumenav_core::{
     FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior,
@@ -39,8 +39,13 @@ pub enum Output {
 /// A warm solve whose χ² lies beyond this quantile is tried again from cold starts; a magnet that lowers χ² by no more than
 /// chance would, to this quantile, is none.
 const QUANTILE: f64 = 0.999_999;
-/// Degrees of freedom of a magnet's pose.
-const FREEDOM: usize = 5;
+/// Below this many channels more than one pose may fit, so that a cold search is always a thorough one (eight triads).
+const FEW_CHANNELS: usize = 24;
+/// Above this growth of the covariance (a doubled standard deviation two standard deviations away) a fix is refused.
+const MAX_COVARIANCE_GROWTH: f64 = 4.0;
+/// Below this share of the distance to the sensors, or this many radians, an uncertainty is too small for that: information
+/// falls with the eighth power of the distance, and (1 + 2·0.02)⁸ = 1.4.
+const SMALL_UNCERTAINTY: f64 = 0.02;
 /// Default of `max_reduced_chi_square`.
 const MAX_REDUCED_CHI_SQUARE: f64 = 25.0;
 
@@ -117,22 +122,30 @@ impl MagneticFrontEnd {
         world_from_array: &Isometry3<f64>,
         prior: Option<&PosePrior>,
     ) -> Option<Search> {
+        let mut found = Vec::new();
         if let Some(prior) = prior {
             let start = MagnetPose::of_capsule(&prior.pose.world_from_capsule, &self.offset_capsule_m);
             let warm = solve(&model.channels, &self.source, readings, &start, &mut self.workspace);
-            if warm.converged && warm.chi_square < self.chi_square_limit(warm.channels - FREEDOM) {
+            if self.explains(&warm) {
                 return Some(Search { best: warm, rival: None });
             }
+            found.extend(Some(warm).filter(|warm| warm.chi_square.is_finite()));
         }
-        let starts: Vec<MagnetPose> = self
-            .array
-            .start_positions_m(&model.channels, world_from_array)
-            .into_iter()
-            .flat_map(|position_world_m| {
-                [Vector3::z(), -Vector3::z()].map(|axis_world| MagnetPose { position_world_m, axis_world })
-            })
-            .collect();
-        solve_from_all(&model.channels, &self.source, readings, &starts, &mut self.workspace)
+        let places = self.array.start_positions_m(&model.channels, world_from_array);
+        let first = starts(&places, &[Vector3::z(), -Vector3::z()]);
+        solve_each(&model.channels, &self.source, readings, &first, &mut self.workspace, &mut found);
+        let few = readings.valid.iter().filter(|valid| **valid).count() < FEW_CHANNELS;
+        if few || !found.iter().any(|solution| self.explains(solution)) {
+            // Both starts may end in the same wrong valley: once in some hundred poses of an array that surrounds the capsule.
+            let more = starts(&around(&places, &model.channels), &SIX_WAYS);
+            solve_each(&model.channels, &self.source, readings, &more, &mut self.workspace, &mut found);
+        }
+        Search::of(found)
+    }
+
+    /// Whether a solution leaves nothing but the assumed noise.
+    fn explains(&mut self, solution: &Solution) -> bool {
+        solution.converged && solution.chi_square < self.chi_square_limit(solution.channels - FREEDOM)
     }
 
     /// Why what was found cannot be trusted; `None` where it can.
@@ -141,7 +154,7 @@ impl MagneticFrontEnd {
         if !best.converged {
             return Some("the maximum-likelihood search did not converge".to_owned());
         }
-        let reduced = best.chi_square / (best.channels - FREEDOM) as f64;
+        let reduced = best.reduced_chi_square();
         if reduced > self.max_reduced_chi_square {
             return Some(format!("the readings do not fit a magnet: chi-square per degree of freedom {reduced:.1}"));
         }
@@ -154,7 +167,20 @@ impl MagneticFrontEnd {
         }
         let place = best.magnet.position_world_m;
         let nearest = channels.positions_world_m.iter().map(|s| (s - place).norm()).fold(f64::INFINITY, f64::min);
-        (nearest < INSIDE_SENSOR_M).then(|| "the solution lies inside a sensor".to_owned())
+        if nearest < INSIDE_SENSOR_M {
+            return Some("the solution lies inside a sensor".to_owned());
+        }
+        self.is_too_uncertain(best, nearest, readings, channels).then(|| "the pose is too uncertain for a fix".to_owned())
+    }
+
+    /// Whether the covariance changes much over its own extent: it is then no description of the error.
+    fn is_too_uncertain(&mut self, best: &Solution, nearest_m: f64, readings: Readings<'_>, channels: &Channels) -> bool {
+        let Some(covariance) = best.information.cholesky().map(|factor| factor.inverse()) else { return true };
+        let position_m = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+        let axis_rad = covariance.fixed_view::<2, 2>(3, 3).trace().sqrt();
+        let small = position_m < SMALL_UNCERTAINTY * nearest_m && axis_rad < SMALL_UNCERTAINTY;
+        !small
+            && covariance_growth(channels, &self.source, readings, best, &mut self.workspace) > MAX_COVARIANCE_GROWTH
     }
 
     /// The capsule's pose from the magnet's, with the covariance from the Fisher information.
@@ -218,6 +244,35 @@ impl MagneticFrontEnd {
 
 /// No centre of a magnet comes nearer to a sensor than this: both have a size.
 const INSIDE_SENSOR_M: f64 = 1e-3;
+
+/// Directions of a thorough search.
+const SIX_WAYS: [Vector3<f64>; 6] = [
+    Vector3::new(1.0, 0.0, 0.0),
+    Vector3::new(-1.0, 0.0, 0.0),
+    Vector3::new(0.0, 1.0, 0.0),
+    Vector3::new(0.0, -1.0, 0.0),
+    Vector3::new(0.0, 0.0, 1.0),
+    Vector3::new(0.0, 0.0, -1.0),
+];
+
+fn starts(places_m: &[Vector3<f64>], axes: &[Vector3<f64>]) -> Vec<MagnetPose> {
+    let at = |position_world_m: &Vector3<f64>| {
+        let position_world_m = *position_world_m;
+        axes.iter().map(move |axis_world| MagnetPose { position_world_m, axis_world: *axis_world })
+    };
+    places_m.iter().flat_map(at).collect()
+}
+
+/// These places and six around each, half as far off as the array's sensors are from it.
+fn around(places_m: &[Vector3<f64>], channels: &Channels) -> Vec<Vector3<f64>> {
+    let sensors = &channels.positions_world_m;
+    let six = |place: &Vector3<f64>| {
+        let distance = sensors.iter().map(|s| (s - place).norm()).sum::<f64>() / sensors.len().max(1) as f64;
+        let place = *place;
+        std::iter::once(place).chain(SIX_WAYS.map(move |way| place + way * (0.5 * distance)))
+    };
+    places_m.iter().flat_map(six).collect()
+}
 
 /// χ² of the readings if there were no magnet.
 fn without_magnet(readings: Readings<'_>) -> f64 {

@@ -18,6 +18,8 @@ use nalgebra::{SMatrix, SVector, Vector3};
 type Matrix5 = SMatrix<f64, 5, 5>;
 type Vector5 = SVector<f64, 5>;
 
+/// Degrees of freedom of a magnet's pose.
+pub const FREEDOM: usize = 5;
 /// The search ends where an undamped step would lower χ² by less than this: a thousandth of a standard deviation.
 const CHI_SQUARE_TOLERANCE: f64 = 1e-6;
 /// The same as a share of χ²: below it rounding decides.
@@ -46,6 +48,13 @@ pub struct Solution {
     pub steps: u32,
     /// Whether χ² stopped falling before the steps ran out.
     pub converged: bool,
+}
+
+impl Solution {
+    /// χ² per degree of freedom; infinite where no channel is left over.
+    pub fn reduced_chi_square(&self) -> f64 {
+        if self.channels > FREEDOM { self.chi_square / (self.channels - FREEDOM) as f64 } else { f64::INFINITY }
+    }
 }
 
 /// A reading as the solver sees it.
@@ -190,8 +199,36 @@ pub struct Search {
     pub rival: Option<Solution>,
 }
 
-/// Solves from every start; the best is the converged one of the lowest χ², an unconverged one only where none converged.
-/// `None` where no start led to a finite likelihood.
+impl Search {
+    /// Ranks solutions: the best is the converged one of the lowest χ², an unconverged one only where none converged. `None`
+    /// where there is none.
+    pub fn of(mut found: Vec<Solution>) -> Option<Self> {
+        found.sort_by(|a, b| b.converged.cmp(&a.converged).then(a.chi_square.total_cmp(&b.chi_square)));
+        let mut found = found.into_iter();
+        let best = found.next()?;
+        let rival = found.find(|other| is_rival(&best, other));
+        Some(Self { best, rival })
+    }
+}
+
+/// Solves from every start and adds what has a finite likelihood to `found`.
+pub fn solve_each(
+    channels: &Channels,
+    source: &FieldSource,
+    readings: Readings<'_>,
+    starts: &[MagnetPose],
+    workspace: &mut Workspace,
+    found: &mut Vec<Solution>,
+) {
+    for start in starts {
+        let solution = solve(channels, source, readings, start, workspace);
+        if solution.chi_square.is_finite() {
+            found.push(solution);
+        }
+    }
+}
+
+/// Solves from every start; `None` where no start led to a finite likelihood.
 pub fn solve_from_all(
     channels: &Channels,
     source: &FieldSource,
@@ -199,18 +236,9 @@ pub fn solve_from_all(
     starts: &[MagnetPose],
     workspace: &mut Workspace,
 ) -> Option<Search> {
-    let mut found: Vec<Solution> = Vec::with_capacity(starts.len());
-    for start in starts {
-        let solution = solve(channels, source, readings, start, workspace);
-        if solution.chi_square.is_finite() {
-            found.push(solution);
-        }
-    }
-    found.sort_by(|a, b| b.converged.cmp(&a.converged).then(a.chi_square.total_cmp(&b.chi_square)));
-    let mut found = found.into_iter();
-    let best = found.next()?;
-    let rival = found.find(|other| is_rival(&best, other));
-    Some(Search { best, rival })
+    let mut found = Vec::with_capacity(starts.len());
+    solve_each(channels, source, readings, starts, workspace, &mut found);
+    Search::of(found)
 }
 
 fn is_rival(best: &Solution, other: &Solution) -> bool {
@@ -220,6 +248,38 @@ fn is_rival(best: &Solution, other: &Solution) -> bool {
     let apart = Vector5::from([moved.x, moved.y, moved.z, turned.dot(&e1), turned.dot(&e2)]);
     let opposite = other.magnet.axis_world.dot(&best.magnet.axis_world) < 0.0;
     other.converged
-        && other.chi_square - best.chi_square < RIVAL_CHI_SQUARE
+        && other.chi_square - best.chi_square < RIVAL_CHI_SQUARE * best.reduced_chi_square().max(1.0)
         && (opposite || apart.dot(&(best.information * apart)) > 1.0)
+}
+
+/// Largest factor by which the covariance changes within two standard deviations of the solution, along its five principal
+/// directions (in the scale of the information's diagonal). Near 1 the reading is linear over its own uncertainty; where it
+/// is large, the covariance at the solution says little about the error. Infinite where the covariance does not exist.
+pub fn covariance_growth(
+    channels: &Channels,
+    source: &FieldSource,
+    readings: Readings<'_>,
+    solution: &Solution,
+    workspace: &mut Workspace,
+) -> f64 {
+    let Some(factor) = solution.information.cholesky() else { return f64::INFINITY };
+    let scale = solution.information.diagonal().map(|v| 1.0 / v.sqrt());
+    let scaled = Matrix5::from_diagonal(&scale) * solution.information * Matrix5::from_diagonal(&scale);
+    let eigen = scaled.symmetric_eigen();
+    let mut worst: f64 = 1.0;
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        for sign in [-2.0, 2.0] {
+            let step = vector.component_mul(&scale) * (sign / value.max(f64::MIN_POSITIVE).sqrt());
+            let there = normal_equations(channels, source, &moved(&solution.magnet, &step), readings, workspace);
+            let Some(moved_factor) = there.matrix.cholesky() else { return f64::INFINITY };
+            // Largest eigenvalue of Lᵀ C' L with I = L Lᵀ: the new variance in units of the old one.
+            let change = factor.l().transpose() * moved_factor.solve(&factor.l());
+            let growth = change.symmetric_eigenvalues().max();
+            if growth.is_nan() {
+                return f64::INFINITY;
+            }
+            worst = worst.max(growth);
+        }
+    }
+    worst
 }

@@ -6,8 +6,8 @@
 //! 2. five rings of the capsule are tested against the lumen ([`wall`](self));
 //! 3. weight, buoyancy, drag, the actuators' wrench and the wall make one implicit system for the six velocities at the end of
 //!    the step: stable at any step the lumen's motion allows (240 to 1,000 Hz tested);
-//! 4. the body takes these velocities and moves ([`body`](self)): by rapier where something rigid is in the tract, which solves
-//!    the contacts.
+//! 4. rapier's body takes these velocities; rapier solves its contacts with what is rigid in the tract and moves it
+//!    ([`body`](self)).
 //!
 //! ```text
 //! m dv/dt = m g - ρ V g + F_drag + F_wall + F_wrench
@@ -24,6 +24,7 @@
 //!
 //! Neglected: added mass of the fluid, lift, the flow of the contents, the wall's own inertia, motion of the torso.
 
+mod bends;
 mod body;
 mod events;
 mod fuzz;
@@ -54,6 +55,11 @@ use wall::{Cap, Placement, Reaction, Rings, WallContacts};
 
 /// Allowed step rates, 1/s.
 const STEP_RATES_HZ: std::ops::RangeInclusive<u32> = 60..=10_000;
+
+/// How fast the centre's projection may move: this factor of its speed (on the inner side of a bend the projection is faster), and
+/// this much more, m/s, to catch up.
+const STATION_FACTOR: f64 = 3.0;
+const STATION_SPEED_M_S: f64 = 0.1;
 
 /// What can go wrong with an engine.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -236,7 +242,7 @@ impl Engine {
         Ok(Self {
             lumen: Lumen::new(tract.clone(), motility),
             body,
-            contacts: WallContacts::new(Rings::of(&capsule)),
+            contacts: WallContacts::new(Rings::of(&capsule), &tract),
             caps: caps(&tract),
             gravity_torso_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
             world_from_torso: Isometry3::identity(),
@@ -330,10 +336,14 @@ impl Engine {
         let pose = self.body.pose();
         let axis = pose.rotation * Vector3::x();
         self.lumen.focus_on(self.station.arc_length_m, self.contacts.rings().reach_m(), time_s);
-        let placement =
-            Placement { centre_m: Point3::from(pose.translation.vector), axis, station: self.station };
+        let (system, force) = self.forces(&axis, &twist);
+        let placement = Placement {
+            centre_m: Point3::from(pose.translation.vector),
+            axis,
+            station: self.station,
+            free_way_m: self.free_way_m(&twist, &force),
+        };
         let friction = self.find_contacts(&placement);
-        let system = self.forces(&axis, &twist);
         let reaction = self.contacts.solve(&system, &twist, friction, &self.config, self.step_s);
         self.body.set_twist(&reaction.twist);
         self.body.step();
@@ -347,8 +357,13 @@ impl Engine {
         wall.friction
     }
 
-    /// Everything but the wall.
-    fn forces(&self, axis: &Vector3<f64>, twist: &Twist) -> System {
+    /// Where the centre moves in a step without drag and wall, m.
+    fn free_way_m(&self, twist: &Twist, force: &Vector3<f64>) -> Vector3<f64> {
+        (twist.linear + force * (self.step_s / self.body.inertia.mass_kg)) * self.step_s
+    }
+
+    /// Everything but the wall; with the force (N) that does not depend on the velocities.
+    fn forces(&self, axis: &Vector3<f64>, twist: &Twist) -> (System, Vector3<f64>) {
         let inertia = &self.body.inertia;
         let mut system =
             System::new(inertia.mass_kg, inertia.axial_kg_m2, inertia.transverse_kg_m2, axis, twist);
@@ -370,7 +385,7 @@ impl Engine {
         let [force, torque] = &self.wrench_torso;
         let force = force + self.gravity_torso_m_s2 * weight_kg;
         system.add_impulse(&(force * self.step_s), &(torque * self.step_s));
-        system
+        (system, force)
     }
 
     fn take_state(&mut self, before: &Twist, reaction: &Reaction) {
@@ -381,28 +396,41 @@ impl Engine {
         self.wall_force_n = reaction.force_world_n.norm_squared().sqrt();
         self.touching = reaction.touching;
         let centre = Point3::from(pose.translation.vector);
-        let foot = self.tract.centre_line.project_near(&centre, self.station.arc_length_m);
-        self.station = foot.station;
-        self.offset_m = foot.distance_m;
+        let arc_length_m = self.follow(&centre, &after);
         let segments = &self.tract.segments;
-        while self.segment_index + 1 < segments.len()
-            && foot.arc_length_m >= segments[self.segment_index].end_m
-        {
+        while self.segment_index + 1 < segments.len() && arc_length_m >= segments[self.segment_index].end_m {
             self.segment_index += 1;
         }
-        while self.segment_index > 0 && foot.arc_length_m < segments[self.segment_index].start_m {
+        while self.segment_index > 0 && arc_length_m < segments[self.segment_index].start_m {
             self.segment_index -= 1;
         }
         self.left = self.is_outside(&centre);
         let at = self.time();
         let seen = events::Seen {
             at,
-            arc_length_m: foot.arc_length_m,
+            arc_length_m,
             segment_index: self.segment_index,
             touching: self.touching > 0,
             left: self.left,
         };
         self.watch.look(&seen, &self.tract, &self.config, &mut self.events);
+    }
+
+    /// Takes on the centre's projection, as far as it can have moved in a step: where the centre crosses the evolute of a tight bend
+    /// the projection jumps, the capsule does not. Returns its arc length.
+    fn follow(&mut self, centre: &Point3<f64>, twist: &Twist) -> f64 {
+        let line = &self.tract.centre_line;
+        let before_m = self.station.arc_length_m;
+        let foot = line.project_near(centre, before_m);
+        let most_m = self.step_s * (STATION_FACTOR * twist.linear.norm_squared().sqrt() + STATION_SPEED_M_S);
+        let arc_length_m = foot.arc_length_m.clamp(before_m - most_m, before_m + most_m);
+        if arc_length_m == foot.arc_length_m {
+            (self.station, self.offset_m) = (foot.station, foot.distance_m);
+        } else {
+            self.station = line.station(arc_length_m);
+            self.offset_m = (centre - self.station.position_m).norm();
+        }
+        arc_length_m
     }
 
     /// Whether the centre is beyond an open end.

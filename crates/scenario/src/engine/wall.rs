@@ -25,6 +25,16 @@
 //! `F0` and `c_v` belong to the capsule as a whole: `F0` is shared by the rings that touch, `c_v` goes with the part of each
 //! ring's circumference that the wall covers: the arc of the circle ρ that lies outside the circle R.
 //!
+//! **Taut tissue.** Where the capsule's middle presses more than 2 mm into the *resting* wall, a stiff spring that grows stiffer
+//! joins in, with `q` the offset of the middle less `max(R_rest - r, 0) + 2 mm`:
+//!
+//! ```text
+//! F = k_t (1 + q/q_t)(q + dt q̇⁺) + c q̇⁺        k_t = 1 kN/m, q_t = 0.25 mm: 5 N at the tolerance of 3 mm
+//! ```
+//!
+//! **Tight bends.** A ring's foot is looked for near the middle's, and bends that are tighter than the capsule give way
+//! ([`super::bends`]).
+//!
 //! **Implicit.** With c_v = 15 N s/m on 3.3 g an explicit step of 1/240 s would amplify by 19. Here `F_n` is taken at the end of
 //! the step (`p + dt ṗ⁺`, `ṗ⁺`), and γ by a fixed-point iteration on the end's velocity; each iteration is a symmetric positive
 //! definite system of six velocities ([`super::system`]). Concave friction makes the iteration monotone.
@@ -32,10 +42,12 @@
 //! Neglected: the factor 1/(1 - κ d) of the arc length on bends, the wall's inertia and axial motion, suction.
 
 use super::EngineConfig;
+use super::bends::{Bends, Chord};
 use super::system::{Row, System, Twist};
 use lumenav_anatomy::centre_line::Station;
 use lumenav_anatomy::lumen::Lumen;
 use lumenav_anatomy::segment::Wall;
+use lumenav_anatomy::tract::Tract;
 use lumenav_core::CapsuleBody;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
@@ -50,6 +62,20 @@ const DAMPING_ONSET_M: f64 = 1e-4;
 const ADHESION_ONSET_M: f64 = 1e-6;
 /// Offsets below this have no direction, m.
 const CENTRED_M: f64 = 1e-9;
+/// A ring's foot lies at most this factor of its place along the capsule, and that much more (m), from the foot of the centre: on
+/// the inner side of a bend feet are further apart than rings.
+const MOST_STRETCH: f64 = 1.5;
+const SPARE_M: f64 = 2e-3;
+/// How far the capsule's middle presses into the resting wall before the tissue is taut, m [the wall gives way by 2 to 3 mm by design].
+const COMPLIANT_M: f64 = 2e-3;
+/// Stiffness of taut tissue, N/m: at the tolerance of 3 mm it bears 5 N, ten times the largest force of a magnet or a wave [B].
+const TAUT_NEWTON_PER_M: f64 = 1000.0;
+/// Penetration over which that doubles, m.
+const TAUTER_M: f64 = 0.25e-3;
+/// `q/q_t` for a capsule that comes from further away than a step ago: what it has at the tolerance.
+const TAUT_IN_ADVANCE: f64 = 4.0;
+/// Its damping, N s/m, that of a ring [B].
+const TAUT_NEWTON_S_PER_M: f64 = 8.0;
 /// Iterations of friction and of which contacts push.
 const MOST_ITERATIONS: usize = 8;
 /// Relative and absolute change of a slip at which the iteration ends.
@@ -61,8 +87,8 @@ const SLIP_TOLERANCE_M_S: f64 = 1e-7;
 pub(crate) struct Rings {
     offset_m: [f64; RINGS],
     radius_m: [f64; RINGS],
-    /// Centre of the front dome.
-    dome: f64,
+    /// Centre of the front dome: half of the cylinder.
+    pub(crate) dome: f64,
     capsule_radius_m: f64,
 }
 
@@ -92,6 +118,8 @@ pub(crate) struct Placement {
     pub(crate) axis: Vector3<f64>,
     /// Station of the centre's projection.
     pub(crate) station: Station,
+    /// Where it would move in this step if nothing touched it, m.
+    pub(crate) free_way_m: Vector3<f64>,
 }
 
 /// An end of the tract that pushes back.
@@ -128,6 +156,63 @@ struct Contact {
     friction_n_s_m: f64,
 }
 
+/// The place of a ring in the lumen.
+#[derive(Debug, Clone, Copy)]
+struct Foot {
+    arc_length_m: f64,
+    tangent: Vector3<f64>,
+    normal: Vector3<f64>,
+    /// From the lumen's centre to the ring's, across the tangent, m.
+    across: Vector3<f64>,
+    /// From the capsule's centre to the ring's, m.
+    lever: Vector3<f64>,
+}
+
+impl Foot {
+    fn at(station: &Station, point: &Point3<f64>, lever: Vector3<f64>) -> Self {
+        let away = point - station.position_m;
+        let tangent = station.tangent;
+        // Beyond the ends the tube goes on straight: what lies along the tangent is not an offset.
+        let across = away - tangent * tangent.dot(&away);
+        Self { arc_length_m: station.arc_length_m, tangent, normal: station.normal, across, lever }
+    }
+
+    /// In the tube around the chord through the middle's station.
+    fn on(chord: &Chord, middle: &Station, point: &Point3<f64>, lever: Vector3<f64>) -> Self {
+        let away = point - middle.position_m;
+        let tangent = chord.direction;
+        let along_m = tangent.dot(&away);
+        Self {
+            arc_length_m: middle.arc_length_m + along_m,
+            tangent,
+            normal: middle.normal,
+            across: away - tangent * along_m,
+            lever,
+        }
+    }
+
+    fn blend(&self, other: &Self, part: f64) -> Self {
+        let rest = 1.0 - part;
+        let mixed = self.tangent * rest + other.tangent * part;
+        // In a hairpin the two may be opposite: then the chord's holds.
+        let tangent = if mixed.norm() > 0.1 { mixed.normalize() } else { other.tangent };
+        let across = self.across * rest + other.across * part;
+        let normal = other.normal - tangent * tangent.dot(&other.normal);
+        Self {
+            arc_length_m: self.arc_length_m * rest + other.arc_length_m * part,
+            tangent,
+            normal: normal.try_normalize(1e-6).unwrap_or_else(|| perpendicular(&tangent)),
+            across: across - tangent * tangent.dot(&across),
+            lever: self.lever,
+        }
+    }
+}
+
+fn perpendicular(direction: &Vector3<f64>) -> Vector3<f64> {
+    let axis = if direction.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    direction.cross(&axis).normalize()
+}
+
 /// What the wall did in a step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reaction {
@@ -135,19 +220,22 @@ pub(crate) struct Reaction {
     pub(crate) twist: Twist,
     /// Sum of its forces, world, N.
     pub(crate) force_world_n: Vector3<f64>,
-    /// Rings that touch.
+    /// Rings that touch, and one more for an end.
     pub(crate) touching: usize,
 }
 
 /// The contacts of the present step; kept between steps to allocate nothing.
 pub(crate) struct WallContacts {
     rings: Rings,
+    bends: Bends,
     contacts: Vec<Contact>,
 }
 
 impl WallContacts {
-    pub(crate) fn new(rings: Rings) -> Self {
-        Self { rings, contacts: Vec::with_capacity(MOST_CONTACTS) }
+    /// For a capsule with these rings in `tract`.
+    pub(crate) fn new(rings: Rings, tract: &Tract) -> Self {
+        let bends = Bends::of(tract, rings.dome, rings.capsule_radius_m);
+        Self { rings, bends, contacts: Vec::with_capacity(MOST_CONTACTS) }
     }
 
     pub(crate) fn rings(&self) -> &Rings {
@@ -164,54 +252,62 @@ impl WallContacts {
         caps: &[Option<Cap>; 2],
     ) {
         self.contacts.clear();
-        let lean = placement.axis.dot(&placement.station.tangent);
+        let chord = self.bends.chord(placement.station.arc_length_m);
         for ring in 0..RINGS {
-            let hint_m = placement.station.arc_length_m + self.rings.offset_m[ring] * lean;
-            self.touch_ring(ring, lumen, placement, hint_m, wall, config);
+            let foot = self.foot_of(ring, lumen, placement, chord.as_ref());
+            self.touch_ring(ring, &foot, lumen, wall, config);
         }
         self.share_adhesion(config);
+        self.touch_backstop(lumen, placement);
         for cap in caps.iter().flatten() {
             self.touch_cap(cap, placement, config);
         }
     }
 
-    fn touch_ring(
-        &mut self,
-        ring: usize,
-        lumen: &Lumen,
-        placement: &Placement,
-        hint_m: f64,
-        wall: &Wall,
-        config: &EngineConfig,
-    ) {
-        let lever = placement.axis * self.rings.offset_m[ring];
+    /// Where a ring is in the lumen.
+    fn foot_of(&self, ring: usize, lumen: &Lumen, placement: &Placement, chord: Option<&Chord>) -> Foot {
+        let along_m = self.rings.offset_m[ring];
+        let lever = placement.axis * along_m;
         let point = placement.centre_m + lever;
+        let middle = &placement.station;
+        if ring == RINGS / 2 {
+            return Foot::at(middle, &point, lever);
+        }
         let line = &lumen.tract().centre_line;
-        let station =
-            if ring == RINGS / 2 { placement.station } else { line.project_near(&point, hint_m).station };
-        let tangent = station.tangent;
-        let away = point - station.position_m;
-        // Beyond the ends the tube goes on straight: what lies along the tangent is not an offset.
-        let across = away - tangent * tangent.dot(&away);
+        let hint_m = middle.arc_length_m + along_m * placement.axis.dot(&middle.tangent);
+        let found = line.project_near(&point, hint_m).station;
+        // A ring's foot beyond this belongs to another loop of the bowel.
+        let reach_m = MOST_STRETCH * along_m.abs() + SPARE_M;
+        let s = found.arc_length_m.clamp(middle.arc_length_m - reach_m, middle.arc_length_m + reach_m);
+        let station = if s == found.arc_length_m { found } else { line.station(s) };
+        let foot = Foot::at(&station, &point, lever);
+        match chord {
+            None => foot,
+            Some(chord) => foot.blend(&Foot::on(chord, middle, &point, lever), chord.gives),
+        }
+    }
+
+    fn touch_ring(&mut self, ring: usize, foot: &Foot, lumen: &Lumen, wall: &Wall, config: &EngineConfig) {
+        let Foot { arc_length_m, tangent, across, lever, .. } = *foot;
         let offset_m = across.norm_squared().sqrt();
-        let n = if offset_m > CENTRED_M { across / offset_m } else { station.normal };
+        let n = if offset_m > CENTRED_M { across / offset_m } else { foot.normal };
         let radius_m = self.rings.radius_m[ring];
         let angle_rad = if lumen.depends_on_angle() {
-            n.dot(&station.binormal).atan2(n.dot(&station.normal))
+            n.dot(&tangent.cross(&foot.normal)).atan2(n.dot(&foot.normal))
         } else {
             0.0
         };
         let mut covered = 0.0;
         let first = self.contacts.len();
         let sides_differ = lumen.depends_on_angle();
-        let mut sample = lumen.radius_near(station.arc_length_m, angle_rad);
+        let mut sample = lumen.radius_near(arc_length_m, angle_rad);
         for side in [1.0, -1.0] {
             // The far side touches only where the lumen is narrower than the ring, whose other side then touches too.
             if side < 0.0 && self.contacts.len() == first {
                 break;
             }
             if side < 0.0 && sides_differ {
-                sample = lumen.radius_near(station.arc_length_m, angle_rad + PI);
+                sample = lumen.radius_near(arc_length_m, angle_rad + PI);
             }
             let penetration_m = side * offset_m + radius_m - sample.radius_m;
             if penetration_m <= 0.0 {
@@ -264,6 +360,51 @@ impl WallContacts {
         for contact in &mut self.contacts {
             contact.adhesion_n = unit_n * grip(contact);
         }
+    }
+
+    /// Beyond the compliant layer of the resting wall the tissue is taut, whatever the rings before and behind do.
+    fn touch_backstop(&mut self, lumen: &Lumen, placement: &Placement) {
+        let foot = Foot::at(&placement.station, &placement.centre_m, Vector3::zeros());
+        let offset_m = foot.across.norm_squared().sqrt();
+        let (rest_m, rest_slope) = lumen.tract().radius.with_slope(foot.arc_length_m);
+        let play_m = rest_m - self.rings.capsule_radius_m;
+        let limit_m = play_m.max(0.0) + COMPLIANT_M;
+        let (out, tautness) = if offset_m > limit_m {
+            (foot.across / offset_m, (offset_m - limit_m) / TAUTER_M)
+        } else {
+            // A capsule that would come this far within the step meets it before its end: whatever pulls, it does not tunnel.
+            let way = placement.free_way_m;
+            let ahead = foot.across + way - foot.tangent * foot.tangent.dot(&way);
+            let ahead_m = ahead.norm_squared().sqrt();
+            if ahead_m <= limit_m {
+                return;
+            }
+            (ahead / ahead_m, TAUT_IN_ADVANCE)
+        };
+        let penetration_m = out.dot(&foot.across) - limit_m;
+        let slope = if play_m > 0.0 { rest_slope } else { 0.0 };
+        let push = out - foot.tangent * slope;
+        let zero = Row::new(&Vector3::zeros(), &Vector3::zeros());
+        self.contacts.push(Contact {
+            push,
+            along: Vector3::zeros(),
+            around: Vector3::zeros(),
+            push_row: Row::new(&push, &Vector3::zeros()),
+            along_row: zero,
+            around_row: zero,
+            penetration_m,
+            wall_radial_m_s: 0.0,
+            wall_along_m_s: 0.0,
+            stiffness_n_m: TAUT_NEWTON_PER_M * (1.0 + tautness),
+            damping_n_s_m: TAUT_NEWTON_S_PER_M * (penetration_m / DAMPING_ONSET_M).clamp(0.0, 1.0),
+            viscous_n_s_m: 0.0,
+            adhesion_n: 0.0,
+            ring: RINGS / 2,
+            pushes: true,
+            normal_n: 0.0,
+            slip_m_s: 0.0,
+            friction_n_s_m: 0.0,
+        });
     }
 
     fn touch_cap(&mut self, cap: &Cap, placement: &Placement, config: &EngineConfig) {
@@ -336,18 +477,16 @@ impl WallContacts {
 
     fn reaction(&self, twist: Twist) -> Reaction {
         let mut force_world_n = Vector3::zeros();
-        let mut touching = 0;
-        let mut last = usize::MAX;
+        let mut touched = [false; RINGS + 1];
         for contact in &self.contacts {
             force_world_n -= contact.push * contact.normal_n
                 + contact.along
                     * (contact.friction_n_s_m
                         * (contact.along_row.velocity(&twist) - contact.wall_along_m_s))
                 + contact.around * (contact.friction_n_s_m * contact.around_row.velocity(&twist));
-            touching += usize::from(contact.ring != last);
-            last = contact.ring;
+            touched[contact.ring] = true;
         }
-        Reaction { twist, force_world_n, touching }
+        Reaction { twist, force_world_n, touching: touched.iter().filter(|ring| **ring).count() }
     }
 }
 
@@ -388,6 +527,12 @@ impl Contact {
             system.add_row(&self.around_row, weight, 0.0);
         }
     }
+}
+
+/// S(y) = 3y² - 2y³, clamped.
+pub(crate) fn smooth_step(y: f64) -> f64 {
+    let y = y.clamp(0.0, 1.0);
+    y * y * (3.0 - 2.0 * y)
 }
 
 /// Part of the circle of radius `ring_m`, `offset_m` off the centre, that lies outside the circle of radius `lumen_m`.

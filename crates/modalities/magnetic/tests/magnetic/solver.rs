@@ -49,27 +49,6 @@ fn cross_two_starts_reach_the_right_basin_from_2000_poses_of_the_reference_works
     assert_eq!(right_basins(&array, poses, "basin"), (2000, 2000));
 }
 
-#[test]
-fn cross_every_shipped_array_reaches_the_right_basin_inside_its_workspace() {
-    // Centre and half sizes of a box in which a capsule may be, m.
-    let arrays = [
-        ("belt-16", [0.0, 0.0, -0.04], [0.15, 0.08, 0.12]),
-        ("cube", [0.0, 0.0, 0.0], [0.15, 0.15, 0.15]),
-        ("two-planes", [0.0, 0.0, 0.3], [0.2, 0.2, 0.2]),
-        ("plane-4x4-below", [0.0, 0.0, -0.05], [0.2, 0.2, 0.1]),
-    ];
-    for (name, centre, half) in arrays {
-        let file = Node::open(&models().join(format!("sensor-arrays/{name}.toml"))).unwrap();
-        let array = SensorArray::from_node(&file).unwrap();
-        let mut random = stream(name, 0);
-        let poses = (0..500).map(|_| {
-            let place = Vector3::from_fn(|i, _| centre[i] + half[i] * uniform(&mut random, -1.0..1.0));
-            Isometry3::from_parts(place.into(), attitude(&mut random))
-        });
-        assert_eq!(right_basins(&array, poses, name), (500, 500), "{name}");
-    }
-}
-
 /// Root mean square of the position error over the bound, over `trials` noise draws; and the mean χ² per degree of freedom.
 fn error_over_bound(side: u32, truth: &MagnetPose, trials: u64) -> (f64, f64) {
     let channels = grid(side).channels(&Isometry3::identity());
@@ -139,9 +118,9 @@ fn cross_cylinder_and_dipole_agree_far_away() {
         a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs())) / largest
     };
     // The first term they differ by falls with the square of the distance.
-    let (near, far) = (difference(0.25), difference(2.5));
-    assert!(near < 1e-3 && far < 1.2e-2 * near, "{near:e} {far:e}");
-    // And the pose that each finds from the other's readings is the same to a micrometre at 2.5 m.
+    let (near, far) = (difference(1.0), difference(10.0));
+    assert!(near < 1e-4 && (far / near - 1e-2).abs() < 2e-3, "{near:e} {far:e}");
+    // And the pose that the dipole finds from the cylinder's readings is a tenth of a millimetre away at 0.25 m.
     let mut flux = Vec::new();
     channels.flux(&cylinder, &truth(0.25), &mut flux);
     let found = search(&channels, &dipole, &flux, &[truth(0.24)]).best;

@@ -1,0 +1,37 @@
+# Conveniences. Neither the README's commands nor CI need `just`.
+
+# A run and its recording, in under a minute after the build.
+demo:
+    cargo run --release -- run scenarios/helix-magnetic.toml --force
+
+# Quick: format, lints, architecture, the light crates.
+check:
+    cargo fmt --all --check
+    cargo clippy --workspace --all-targets --quiet -- -D warnings
+    cargo test -p lumenav-core -p lumenav-fields -p lumenav-fusion -p lumenav-evaluation
+
+test:
+    cargo test --workspace
+
+# Full-size acceptance; writes docs/validation/foundation.json.
+validate:
+    bash tests/validate.sh
+
+# Benches, each beside its crate.
+bench:
+    cargo bench -p lumenav-fields
+    cargo bench -p lumenav-fusion
+    cargo bench -p lumenav-magnetic
+    cargo bench -p lumenav-scenario
+
+# Makes the expected values of other programs anew (Python 3.11; each script names its pinned packages).
+cross:
+    for script in tests/cross/*_reference.py tests/cross/*_filterpy.py tests/cross/*_gtsam.py; do python3 "$script"; done
+
+# The recordings that the repository ships.
+recordings:
+    cargo run --release -- run scenarios/helix-magnetic.toml --set scenario.duration_s=10 --out out/recording --force
+    cp out/recording/recording.rrd viewer-recordings/helix-magnetic.rrd
+
+doc:
+    cargo doc --workspace --no-deps --open

@@ -1,0 +1,57 @@
+//! A filter starts from data or from `[track.prior]`, never from the truth.
+
+use crate::support::{Run, root, scratch};
+use std::path::Path;
+
+/// First row of a track's TUM file.
+fn first_pose(folder: &Path) -> Vec<f64> {
+    let text = std::fs::read_to_string(folder.join("magnetic-eskf.tum")).expect("the track was written");
+    let row = text.lines().find(|l| !l.starts_with('#')).expect("a pose");
+    row.split_whitespace().map(|v| v.parse().expect("a number")).collect()
+}
+
+const PRIOR: &str = "track.magnetic-eskf.prior={position_mm=[0,0,0], position_sigma_mm=1e-3, \
+                     rotation_vector_deg=[0,0,0], rotation_sigma_deg=1e-3}";
+
+/// The truth's start moves by 30 mm; the belief, told by a tight prior that it is at the origin, stays there: its first
+/// estimate cannot have come from the truth. (The readings contradict the prior and are gated.)
+#[test]
+fn law_the_first_belief_does_not_follow_the_truth() {
+    let folder = scratch();
+    let scenario = root().join("scenarios/smoke/faults.toml");
+    let mut firsts = Vec::new();
+    for (name, from) in [("a", "[-40,0,0]"), ("b", "[-10,0,0]")] {
+        let out = folder.path().join(name);
+        Run::new(&scenario)
+            .out(&out)
+            .arg("--set")
+            .arg("scenario.duration_s=0.9")
+            .arg("--set")
+            .arg(format!("truth.from_mm={from}"))
+            .arg("--set")
+            .arg(PRIOR)
+            .arg("--set")
+            .arg("track.magnetic-eskf.filter.gate_probability=0.999999999")
+            .arg("--set")
+            .arg("track.magnetic-eskf.filter.reacquire_after=1000")
+            .ok();
+        let text = std::fs::read_to_string(out.join("magnetic-eskf.tum")).expect("the track was written");
+        firsts.push(text.lines().filter(|l| !l.starts_with('#')).count());
+    }
+    // Every reading lies far beyond the gate of a belief that was not told the truth.
+    assert_eq!(firsts, vec![0, 0]);
+}
+
+/// Without a prior the first estimate is the first fix, with the fix's own error: not the truth to the last digit.
+#[test]
+fn law_the_first_belief_is_a_noisy_fix() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).ok();
+    let first = first_pose(&out);
+    let truth = std::fs::read_to_string(out.join("truth.tum")).expect("truth was written");
+    let row = truth.lines().find(|l| !l.starts_with('#')).expect("a pose");
+    let true_pose: Vec<f64> = row.split_whitespace().map(|v| v.parse().expect("a number")).collect();
+    let distance: f64 = (1..4).map(|i| (first[i] - true_pose[i]).powi(2)).sum::<f64>().sqrt();
+    assert!(distance > 1e-6 && distance < 0.02, "first estimate {distance} m from the truth");
+}
