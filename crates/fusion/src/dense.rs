@@ -92,7 +92,7 @@ pub(crate) fn mirror_lower(a: &mut DMatrix<f64>) {
 /// `Cᵀ A C` for a symmetric A and a lower factor C; both triangles.
 pub(crate) fn congruence(a: &DMatrix<f64>, lower: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows();
-    let mut product = DMatrix::zeros(n, n);
+    let mut product = DMatrix::<f64>::zeros(n, n);
     for (k, column) in product.as_mut_slice().chunks_exact_mut(n.max(1)).enumerate() {
         for l in k..n {
             let factor = lower[(l, k)];
@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     fn example(n: usize, rank: usize) -> DMatrix<f64> {
-        let x = DMatrix::from_fn(n, rank, |i, j| ((3 * i + 7 * j) as f64).sin());
+        let x = DMatrix::from_fn(n, rank, |i, j| ((3 * i + 7 * j + 5 * i * j + i * i) as f64).sin());
         &x * x.transpose()
     }
 
@@ -158,7 +158,7 @@ mod tests {
     fn cross_products_equal_nalgebra() {
         let (a, c) = (example(8, 20), cholesky_semidefinite(example(8, 30)).unwrap());
         assert!((congruence(&a, &c) - c.transpose() * &a * &c).amax() < 1e-10);
-        let x = DMatrix::from_fn(11, 8, |i, j| ((i + 5 * j) as f64).cos());
+        let x = DMatrix::from_fn(11, 8, |i, j| ((i + 5 * j + 3 * i * j) as f64).cos());
         let mut solved = x.clone();
         solve_right_transposed(&mut solved, &c);
         assert!((&solved * c.transpose() - &x).amax() < 1e-9);

@@ -30,7 +30,7 @@ pub struct Counters {
     pub accepted: u64,
     /// Measurements beyond the chi-square gate.
     pub gated: u64,
-    /// Measurements older than the lag.
+    /// Measurements and motion readings older than the lag.
     pub too_late: u64,
     /// Measurements that came before there was a belief and could not start one.
     pub not_started: u64,
@@ -127,6 +127,8 @@ pub struct Eskf {
     blocks: Vec<BlockSpec>,
     wanted: BTreeMap<Name, Vec<SimTime>>,
     newest: SimTime,
+    /// The instant of the prior, before which there is nothing; the beginning of time without one.
+    begins: SimTime,
     arrived: SimTime,
     counters: Counters,
 }
@@ -143,6 +145,7 @@ impl Eskf {
             blocks,
             wanted: BTreeMap::new(),
             newest: SimTime(i64::MIN),
+            begins: SimTime(i64::MIN),
             arrived: SimTime(i64::MIN),
             counters: Counters::default(),
         }
@@ -166,6 +169,7 @@ impl Eskf {
         belief.state.velocity_world_m_s = Vector3::from(prior.velocity_mm_s.map(|v| v.0 * 1e-3));
         self.stage.belief = Some(belief);
         self.newest = SimTime::ZERO;
+        self.begins = SimTime::ZERO;
         self
     }
 
@@ -212,22 +216,38 @@ impl Eskf {
         })
     }
 
-    /// Tells which instants a sensor's front end wants clones of from now on.
+    /// Tells which instants a sensor's front end wants clones of from now on. One older than the lag cannot be had any more; a
+    /// measurement that refers to it will be refused.
     pub fn want_clones(&mut self, sensor: &Name, instants: Vec<SimTime>) {
         let old = self.wanted.insert(sensor.clone(), instants.clone()).unwrap_or_default();
-        for at in instants.into_iter().filter(|at| !old.contains(at)) {
+        let oldest = self.oldest();
+        for at in instants.into_iter().filter(|at| *at >= oldest && !old.contains(at)) {
             self.insert((at, 2, sensor.clone(), 0), Action::Clone);
         }
-        let wanted: Vec<SimTime> = self.wanted.values().flatten().copied().collect();
-        let keep_from = self.newest - nanoseconds(self.options.lag_s.0);
+        self.drop_clones();
+    }
+
+    /// Drops clones that nobody wants and no replay can ask for. After a replay as well, which brings dropped ones back: the
+    /// columns of the belief must not depend on the order of arrival.
+    fn drop_clones(&mut self) {
+        let keep_from = self.oldest();
+        let wanted = &self.wanted;
         if let Some(belief) = &mut self.stage.belief {
-            // A clone inside the lag may still be read by a late measurement's replay.
-            belief.retain_clones(&|at| wanted.contains(&at) || at >= keep_from);
+            belief.retain_clones(&|at| at >= keep_from || wanted.values().any(|all| all.contains(&at)));
         }
+    }
+
+    /// The oldest instant that can still be put in its place.
+    fn oldest(&self) -> SimTime {
+        SimTime(self.newest.0.saturating_sub(nanoseconds(self.options.lag_s.0))).max(self.begins)
     }
 
     /// An inertial reading that drives the prediction.
     pub fn offer_motion(&mut self, reading: Reading, input: Arc<dyn MotionInput>) {
+        if reading.interval.1 < self.oldest() {
+            self.counters.too_late += 1;
+            return;
+        }
         self.arrived = self.arrived.max(reading.arrival);
         let key = (reading.interval.1, 0, reading.sensor.clone(), reading.sequence);
         self.insert(key, Action::Motion(Arc::new(reading), input));
@@ -239,10 +259,10 @@ impl Eskf {
             self.counters.contained_prior += 1;
             return Offered { verdict: Verdict::Refused(Refused::ContainsPrior), lost: None };
         }
-        let oldest = self.newest.0.saturating_sub(nanoseconds(self.options.lag_s.0));
-        if measurement.at.0 < oldest {
+        let oldest = self.oldest();
+        if measurement.at < oldest {
             self.counters.too_late += 1;
-            let by_s = (oldest - measurement.at.0) as f64 * 1e-9;
+            let by_s = oldest.since_s(measurement.at);
             return Offered { verdict: Verdict::Refused(Refused::TooLate { by_s }), lost: None };
         }
         self.arrived = self.arrived.max(measurement.arrival);
@@ -286,13 +306,14 @@ impl Eskf {
         }
         self.newest = self.newest.max(at);
         self.forget();
+        self.drop_clones();
         own
     }
 
     /// Drops entries older than the lag.
     fn forget(&mut self) {
-        let oldest = self.newest.0.saturating_sub(nanoseconds(self.options.lag_s.0));
-        while self.log.front().is_some_and(|entry| entry.key.0.0 < oldest) {
+        let oldest = self.oldest();
+        while self.log.front().is_some_and(|entry| entry.key.0 < oldest) {
             self.log.pop_front();
         }
     }

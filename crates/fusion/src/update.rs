@@ -20,7 +20,8 @@
 //!
 //! Normalised innovation squared, residual form: `rᵀ S⁻¹ r = |R^(-1/2) (r - H C u)|² + |u|²` with `u = M⁻¹ Cᵀ b`: a sum of
 //! squares, where the difference `rᵀR⁻¹r - yᵀy` would lose its digits to a vague prior. As many degrees of freedom as
-//! readings. Information form: the squared distance of the peak of the likelihood from the prediction, with the rank of A.
+//! readings. Information form: the squared distance of the peak of the likelihood from the prediction, with the rank of A;
+//! of an iterated model by its last linearization, as far from the peak a mixture's curvature says nothing of its width.
 //!
 //! Log-likelihood of the measurement given all before it, residual form: `-½ (rᵀS⁻¹r + ln det R + ln det M + m ln 2π)`;
 //! information form: `ℓ + ½ yᵀy - ½ ln det M` (Laplace), up to a constant of the measurement.
@@ -362,7 +363,7 @@ pub fn propose(
     let compressed = compress(&first, belief, &belief.state)?;
     let gain = Gain::new(belief, &compressed.columns)?;
     let mut solution = gain.solve(&compressed.information, &compressed.gradient)?;
-    let innovation = innovation_of(&compressed, &gain, &solution);
+    let mut innovation = innovation_of(&compressed, &gain, &solution);
     if measurement.model.strongly_nonlinear() {
         for _ in 1..max_iterations {
             let moved = belief.moved_state(&solution.error);
@@ -374,6 +375,9 @@ pub fn propose(
             let next = gain.solve(&again.information, &again.gradient)?;
             let change = change_in_sigmas(&(&next.error - &solution.error), &again.columns, &gain, &next.factor);
             solution = next;
+            if matches!(again.evidence, Evidence::Information { .. }) {
+                innovation = innovation_of(&again, &gain, &solution);
+            }
             // A hundredth of a standard deviation: below what the next reading can tell.
             if change < 1e-2 {
                 break;
@@ -397,7 +401,12 @@ impl Compressed {
             self.gradient.fixed_rows_mut::<3>(*at).copy_from(&gradient);
         }
         let touched = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|c| error[*c]));
-        self.gradient.gemv(1.0, &self.information, &touched, 1.0);
+        let curvature = &self.information * &touched;
+        if let Evidence::Information { log_likelihood } = &mut self.evidence {
+            // The parabola through the current state, at e = 0.
+            *log_likelihood -= self.gradient.dot(&touched) + 0.5 * curvature.dot(&touched);
+        }
+        self.gradient += curvature;
     }
 }
 

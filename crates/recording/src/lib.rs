@@ -26,6 +26,7 @@
 
 mod blueprint;
 mod bursts;
+mod drawn;
 mod error;
 mod geometry;
 mod inspect;

@@ -4,18 +4,18 @@
 
 use crate::blueprint::{self, Layout};
 use crate::bursts::{Bursts, Line};
+use crate::drawn::Drawn;
 use crate::error::RecordingError;
-use crate::geometry::{band_95, ellipsoid, point_m, solid, transform};
+use crate::geometry::{band_95, ellipsoid, point_m};
 use crate::output::Output;
 use crate::pacing::{Class, Gate, Pace};
 use crate::palette;
 use crate::primitives;
 use crate::store::{Store, entity, row_bytes, time_point};
-use crate::trail::Trail;
 use lumenav_core::{CapsuleTruth, FixKind, Name, Primitive, SimTime};
 use lumenav_pipeline::{ObserverError, Refusal, RunEvent, RunHeader, RunObserver, SceneOwner, TrackUpdate};
 use rerun::external::re_log_types::TimePoint;
-use rerun::{AsComponents, Color, EntityPath, SerializedComponentBatch, StoreId};
+use rerun::{AsComponents, Color, EntityPath, StoreId};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -51,25 +51,6 @@ struct Run {
     bands: Vec<usize>,
     highest_nees: f64,
     last: SimTime,
-}
-
-/// A capsule that is drawn: the truth or a track's estimate.
-struct Drawn {
-    /// Path of its entities below `/world`.
-    root: String,
-    /// Path of the pose below it.
-    pose: &'static str,
-    colour: u32,
-    gate: Gate,
-    trail: Trail,
-    /// What its solid shows, once it is drawn.
-    solid: Option<FixKind>,
-    /// Whether the style of its covariance is written.
-    region: bool,
-    /// Time of its last update, kept or not.
-    last: Option<SimTime>,
-    /// Whether a gap in its updates came before its next row.
-    gap: bool,
 }
 
 /// An entity that a plugin draws.
@@ -452,90 +433,6 @@ impl Run {
         }
         blueprint::send(output, self.store.id(), &self.layout, 1)?;
         output.finish()
-    }
-}
-
-impl Drawn {
-    fn new(root: String, pose: &'static str, colour: u32) -> Self {
-        Self {
-            root,
-            pose,
-            colour,
-            gate: Gate::new(),
-            trail: Trail::default(),
-            solid: None,
-            region: false,
-            last: None,
-            gap: false,
-        }
-    }
-
-    /// Puts the solid at a pose; draws it first where that has not happened, or where more is known than before.
-    fn move_to(
-        &mut self,
-        store: &mut Store,
-        output: &mut Output,
-        header: &RunHeader,
-        time: &TimePoint,
-        world_from_capsule: &nalgebra::Isometry3<f64>,
-        kind: FixKind,
-    ) -> Result<usize, RecordingError> {
-        let path = entity(&format!("{}/{}", self.root, self.pose));
-        if self.solid.is_none_or(|drawn| drawn < kind) {
-            self.solid = Some(kind);
-            let (rgba, mode) = if self.pose == "truth" {
-                (self.colour, rerun::FillMode::Solid)
-            } else {
-                (palette::with_alpha(self.colour, 0x90), rerun::FillMode::TransparentFillMajorWireframe)
-            };
-            let mut batches: Vec<SerializedComponentBatch> = solid(&header.capsule, kind, rgba, mode);
-            if self.pose == "truth" {
-                // The axes of the estimates would only hide it.
-                let length_m = 0.75 * header.capsule.length_m as f32;
-                batches.extend(rerun::TransformAxes3D::new(length_m).as_serialized_batches());
-            }
-            store.log_batches(output, &path, TimePoint::default(), batches)?;
-        }
-        let batches = transform(world_from_capsule, kind).as_serialized_batches();
-        let bytes = row_bytes(&batches);
-        store.log_batches(output, &path, time.clone(), batches)?;
-        Ok(bytes)
-    }
-
-    /// Adds a point to the path.
-    fn walk(
-        &mut self,
-        store: &mut Store,
-        output: &mut Output,
-        at: SimTime,
-        world_from_capsule: &nalgebra::Isometry3<f64>,
-        full: bool,
-    ) -> Result<usize, RecordingError> {
-        let piece = self.trail.push(at, point_m(&world_from_capsule.translation.vector), full);
-        self.draw_piece(store, output, at, piece)
-    }
-
-    /// Ends the path.
-    fn lift(&mut self, store: &mut Store, output: &mut Output, at: SimTime) -> Result<(), RecordingError> {
-        let piece = self.trail.lift();
-        self.draw_piece(store, output, at, piece).map(|_| ())
-    }
-
-    fn draw_piece(
-        &self,
-        store: &mut Store,
-        output: &mut Output,
-        at: SimTime,
-        piece: Option<Vec<[f32; 3]>>,
-    ) -> Result<usize, RecordingError> {
-        let Some(piece) = piece else { return Ok(0) };
-        let strip = rerun::LineStrips3D::new([piece])
-            .with_colors([Color::from_u32(self.colour)])
-            .with_radii([rerun::Radius::new_ui_points(if self.pose == "truth" { 2.2 } else { 1.4 })]);
-        let batches = strip.as_serialized_batches();
-        let bytes = row_bytes(&batches);
-        store.log_batches(output, &entity(&format!("{}/path", self.root)), time_point(at, None), batches)?;
-        Ok(bytes)
     }
 }
 

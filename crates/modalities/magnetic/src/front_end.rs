@@ -12,7 +12,7 @@ use crate::array::SensorArray;
 use crate::channels::{Channels, MagnetPose};
 use crate::config::{Installed, OptionsTable};
 use crate::model::{FixOfFlux, FluxModel};
-use crate::solver::{FREEDOM, Readings, Search, Solution, Workspace, covariance_growth, solve, solve_each};
+use crate::solver::{FREEDOM, Matrix5, Readings, Search, Solution, Workspace, covariance_growth, solve, solve_each};
 use lumenav_core::pose::{attitude_from_axis, skew, tangent_basis};
 use lumenav_core::{
     FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior,
@@ -41,8 +41,10 @@ pub enum Output {
 const QUANTILE: f64 = 0.999_999;
 /// Below this many channels more than one pose may fit, so that a cold search is always a thorough one (eight triads).
 const FEW_CHANNELS: usize = 24;
-/// Above this growth of the covariance (a doubled standard deviation two standard deviations away) a fix is refused.
-const MAX_COVARIANCE_GROWTH: f64 = 4.0;
+/// Above this growth of the covariance within its own extent (a doubled standard deviation) a fix is given the larger one.
+const NOTED_COVARIANCE_GROWTH: f64 = 4.0;
+/// Above this one (ten times the standard deviation) no covariance describes the error, and there is no fix.
+const MAX_COVARIANCE_GROWTH: f64 = 100.0;
 /// Below this share of the distance to the sensors, or this many radians, an uncertainty is too small for that: information
 /// falls with the eighth power of the distance, and (1 + 2·0.02)⁸ = 1.4.
 const SMALL_UNCERTAINTY: f64 = 0.02;
@@ -165,34 +167,35 @@ impl MagneticFrontEnd {
             let apart_m = (rival.magnet.position_world_m - best.magnet.position_world_m).norm();
             return Some(format!("two poses {apart_m:.3} m apart explain the readings"));
         }
-        let place = best.magnet.position_world_m;
-        let nearest = channels.positions_world_m.iter().map(|s| (s - place).norm()).fold(f64::INFINITY, f64::min);
-        if nearest < INSIDE_SENSOR_M {
-            return Some("the solution lies inside a sensor".to_owned());
-        }
-        self.is_too_uncertain(best, nearest, readings, channels).then(|| "the pose is too uncertain for a fix".to_owned())
+        (nearest_sensor_m(best, channels) < INSIDE_SENSOR_M).then(|| "the solution lies inside a sensor".to_owned())
     }
 
-    /// Whether the covariance changes much over its own extent: it is then no description of the error.
-    fn is_too_uncertain(&mut self, best: &Solution, nearest_m: f64, readings: Readings<'_>, channels: &Channels) -> bool {
-        let Some(covariance) = best.information.cholesky().map(|factor| factor.inverse()) else { return true };
+    /// Covariance of `[δp_magnet, t₁, t₂]`: the inverse information, larger where the readings scatter more than the noise
+    /// that is assumed or where the information falls within the covariance's own extent. `None` where no covariance
+    /// describes the error.
+    fn covariance(&mut self, best: &Solution, readings: Readings<'_>, channels: &Channels) -> Option<Matrix5> {
+        let mut covariance = best.information.cholesky()?.inverse();
+        if !self.explains(best) {
+            covariance *= best.reduced_chi_square().max(1.0);
+        }
         let position_m = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
         let axis_rad = covariance.fixed_view::<2, 2>(3, 3).trace().sqrt();
-        let small = position_m < SMALL_UNCERTAINTY * nearest_m && axis_rad < SMALL_UNCERTAINTY;
-        !small
-            && covariance_growth(channels, &self.source, readings, best, &mut self.workspace) > MAX_COVARIANCE_GROWTH
+        let nearest_m = nearest_sensor_m(best, channels);
+        if position_m < SMALL_UNCERTAINTY * nearest_m && axis_rad < SMALL_UNCERTAINTY {
+            return Some(covariance);
+        }
+        let growth = covariance_growth(channels, &self.source, readings, best, &mut self.workspace);
+        if growth > NOTED_COVARIANCE_GROWTH {
+            covariance *= growth;
+        }
+        (growth < MAX_COVARIANCE_GROWTH).then_some(covariance)
     }
 
-    /// The capsule's pose from the magnet's, with the covariance from the Fisher information.
+    /// The capsule's pose from the magnet's, with its covariance.
     ///
     /// A magnet off the capsule's axis, `o = [o_x, o_y, o_z]`, leaves the centre on a circle of radius `ρ = |[o_y, o_z]|` about
     /// the magnet's axis, for the roll is unknown. The fix is the circle's centre, with its covariance `ρ²/2 (I - u uᵀ)`.
-    fn fix(&mut self, solution: &Solution) -> Option<PoseEstimate> {
-        let mut covariance = solution.information.cholesky()?.inverse();
-        let freedom = solution.channels - FREEDOM;
-        if solution.chi_square > self.chi_square_limit(freedom) {
-            covariance *= solution.chi_square / freedom as f64;
-        }
+    fn fix(&self, solution: &Solution, covariance: &Matrix5) -> PoseEstimate {
         let axis = solution.magnet.axis_world;
         let rotation = attitude_from_axis(&axis);
         let lever_capsule_m = Vector3::new(self.offset_capsule_m.x, 0.0, 0.0);
@@ -213,11 +216,11 @@ impl MagneticFrontEnd {
         let mut position_block = full.fixed_view_mut::<3, 3>(0, 0);
         position_block += circle;
         let position = solution.magnet.position_world_m - rotation * lever_capsule_m;
-        Some(PoseEstimate {
+        PoseEstimate {
             world_from_capsule: Isometry3::from_parts(Translation3::from(position), rotation),
             covariance: full,
             kind: FixKind::Pointing,
-        })
+        }
     }
 
     fn measured(&self, reading: &Reading, model: FluxModel, fix: Option<PoseEstimate>, warm: bool) -> Outcome {
@@ -274,6 +277,11 @@ fn around(places_m: &[Vector3<f64>], channels: &Channels) -> Vec<Vector3<f64>> {
     places_m.iter().flat_map(six).collect()
 }
 
+fn nearest_sensor_m(solution: &Solution, channels: &Channels) -> f64 {
+    let place = solution.magnet.position_world_m;
+    channels.positions_world_m.iter().map(|s| (s - place).norm()).fold(f64::INFINITY, f64::min)
+}
+
 /// χ² of the readings if there were no magnet.
 fn without_magnet(readings: Readings<'_>) -> f64 {
     let all = readings.flux_tesla.iter().zip(readings.valid).zip(readings.variance_tesla2);
@@ -313,9 +321,10 @@ impl FrontEnd for MagneticFrontEnd {
         if let Some(why) = self.objection(&found, readings, &model.channels) {
             return Ok(refused(&why));
         }
-        let Some(fix) = self.fix(&found.best) else {
+        let Some(covariance) = self.covariance(&found.best, readings, &model.channels) else {
             return Ok(refused("the pose is not observable from these channels"));
         };
+        let fix = self.fix(&found.best, &covariance);
         Ok(self.measured(&reading, model, Some(fix), prior.is_some()))
     }
 }

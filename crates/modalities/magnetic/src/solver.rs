@@ -15,7 +15,8 @@ use lumenav_core::pose::tangent_basis;
 use lumenav_fields::FieldSource;
 use nalgebra::{SMatrix, SVector, Vector3};
 
-type Matrix5 = SMatrix<f64, 5, 5>;
+/// A matrix of the five degrees of freedom.
+pub type Matrix5 = SMatrix<f64, 5, 5>;
 type Vector5 = SVector<f64, 5>;
 
 /// Degrees of freedom of a magnet's pose.

@@ -27,6 +27,7 @@
 mod bends;
 mod body;
 mod events;
+mod foot;
 mod fuzz;
 mod snapshot;
 mod system;

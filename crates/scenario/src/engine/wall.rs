@@ -43,6 +43,7 @@
 
 use super::EngineConfig;
 use super::bends::{Bends, Chord};
+use super::foot::Foot;
 use super::system::{Row, System, Twist};
 use lumenav_anatomy::centre_line::Station;
 use lumenav_anatomy::lumen::Lumen;
@@ -154,63 +155,6 @@ struct Contact {
     normal_n: f64,
     slip_m_s: f64,
     friction_n_s_m: f64,
-}
-
-/// The place of a ring in the lumen.
-#[derive(Debug, Clone, Copy)]
-struct Foot {
-    arc_length_m: f64,
-    tangent: Vector3<f64>,
-    normal: Vector3<f64>,
-    /// From the lumen's centre to the ring's, across the tangent, m.
-    across: Vector3<f64>,
-    /// From the capsule's centre to the ring's, m.
-    lever: Vector3<f64>,
-}
-
-impl Foot {
-    fn at(station: &Station, point: &Point3<f64>, lever: Vector3<f64>) -> Self {
-        let away = point - station.position_m;
-        let tangent = station.tangent;
-        // Beyond the ends the tube goes on straight: what lies along the tangent is not an offset.
-        let across = away - tangent * tangent.dot(&away);
-        Self { arc_length_m: station.arc_length_m, tangent, normal: station.normal, across, lever }
-    }
-
-    /// In the tube around the chord through the middle's station.
-    fn on(chord: &Chord, middle: &Station, point: &Point3<f64>, lever: Vector3<f64>) -> Self {
-        let away = point - middle.position_m;
-        let tangent = chord.direction;
-        let along_m = tangent.dot(&away);
-        Self {
-            arc_length_m: middle.arc_length_m + along_m,
-            tangent,
-            normal: middle.normal,
-            across: away - tangent * along_m,
-            lever,
-        }
-    }
-
-    fn blend(&self, other: &Self, part: f64) -> Self {
-        let rest = 1.0 - part;
-        let mixed = self.tangent * rest + other.tangent * part;
-        // In a hairpin the two may be opposite: then the chord's holds.
-        let tangent = if mixed.norm() > 0.1 { mixed.normalize() } else { other.tangent };
-        let across = self.across * rest + other.across * part;
-        let normal = other.normal - tangent * tangent.dot(&other.normal);
-        Self {
-            arc_length_m: self.arc_length_m * rest + other.arc_length_m * part,
-            tangent,
-            normal: normal.try_normalize(1e-6).unwrap_or_else(|| perpendicular(&tangent)),
-            across: across - tangent * tangent.dot(&across),
-            lever: self.lever,
-        }
-    }
-}
-
-fn perpendicular(direction: &Vector3<f64>) -> Vector3<f64> {
-    let axis = if direction.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
-    direction.cross(&axis).normalize()
 }
 
 /// What the wall did in a step.

@@ -208,7 +208,7 @@ fn law_saturated_channels_are_left_out() {
         masked += flux.iter().filter(|z| z.abs() >= limit).count();
         if let Ok(fix) = process(&mut front_end, &installed, flux) {
             let error = normalised_error(&fix, &truth);
-            assert!(error < 36.0, "draw {i}: {error}");
+            assert!(error < 36.0, "draw {i}: {error} {fix:?} {truth:?} {:?}", installed.array.sensors[i as usize % 16].pose.translation);
         }
     }
     assert!(masked > 100, "{masked} channels were at the limit");
@@ -267,7 +267,7 @@ fn law_single_axis_sensors_in_a_plane_do_not_take_the_mirror_image() {
 fn law_a_magnet_in_the_sensors_plane_or_inside_a_sensor_is_honest_or_refused() {
     let installed = installed(PLAIN, [0.0; 3]);
     let mut front_end = front_end(&installed, "law = \"dipole\"");
-    for i in 0..300_u64 {
+    for i in 0..60_u64 {
         let mut random = stream("plane", i);
         // All sensors in the magnet's equator plane (even i), or any axis with the magnet in the plane.
         let axis = if i % 2 == 0 { Vector3::z() } else { direction(&mut random) };
