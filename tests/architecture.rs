@@ -20,8 +20,17 @@ const ALLOWED: [(&str, &[&str]); 13] = [
     (
         "lumenav",
         &[
-            "core", "fields", "records", "anatomy", "scenario", "magnetic", "fusion", "evaluation", "pipeline",
-            "recording", "report",
+            "core",
+            "fields",
+            "records",
+            "anatomy",
+            "scenario",
+            "magnetic",
+            "fusion",
+            "evaluation",
+            "pipeline",
+            "recording",
+            "report",
         ],
     ),
     ("cli", &["lumenav"]),
@@ -74,7 +83,8 @@ fn law_crates_know_only_what_they_may() {
         "a crate was added or removed: bring the table here and in ARCHITECTURE.md up to date"
     );
     for (crate_name, dependencies) in &found {
-        for dependency in dependencies.iter().filter(|d| d.as_str() == "lumenav" || d.starts_with("lumenav-")) {
+        for dependency in dependencies.iter().filter(|d| d.as_str() == "lumenav" || d.starts_with("lumenav-"))
+        {
             let dependency = short(dependency);
             assert!(
                 allowed[crate_name.as_str()].contains(dependency.as_str()),
@@ -105,7 +115,10 @@ fn law_architecture_md_shows_the_same_arrows() {
             .lines()
             .find(|line| line.starts_with(&format!("| `{name}` |")))
             .unwrap_or_else(|| panic!("ARCHITECTURE.md has no row for `{name}`"));
-        assert!(row.contains(&format!("| {wanted} |")), "ARCHITECTURE.md, `{name}`: expected `{wanted}` in `{row}`");
+        assert!(
+            row.contains(&format!("| {wanted} |")),
+            "ARCHITECTURE.md, `{name}`: expected `{wanted}` in `{row}`"
+        );
     }
 }
 

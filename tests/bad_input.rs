@@ -8,7 +8,8 @@ use std::path::Path;
 fn refused(set: &str) -> String {
     let folder = scratch();
     let out = folder.path().join("run");
-    let message = Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).arg("--set").arg(set).fails(3);
+    let message =
+        Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).arg("--set").arg(set).fails(3);
     assert!(!out.exists(), "a refused run left {}", out.display());
     message
 }

@@ -37,10 +37,28 @@ fn law_metrics_keep_the_contract() {
     Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).ok();
     let text = std::fs::read_to_string(out.join("metrics.json")).expect("written");
     for key in [
-        "\"schema\"", "\"scenario\"", "\"seed\"", "\"duration_s\"", "\"tracks\"", "\"position_error_mm\"", "\"mean\"",
-        "\"rmse\"", "\"median\"", "\"p95\"", "\"max\"", "\"attitude_error_deg\"", "\"heading_error_deg\"",
-        "\"availability\"", "\"failed_updates\"", "\"updates\"", "\"nees\"", "\"dof\"", "\"inside_95\"", "\"verdict\"",
-        "\"latency_ms\"", "\"time_to_first_fix_s\"",
+        "\"schema\"",
+        "\"scenario\"",
+        "\"seed\"",
+        "\"duration_s\"",
+        "\"tracks\"",
+        "\"position_error_mm\"",
+        "\"mean\"",
+        "\"rmse\"",
+        "\"median\"",
+        "\"p95\"",
+        "\"max\"",
+        "\"attitude_error_deg\"",
+        "\"heading_error_deg\"",
+        "\"availability\"",
+        "\"failed_updates\"",
+        "\"updates\"",
+        "\"nees\"",
+        "\"dof\"",
+        "\"inside_95\"",
+        "\"verdict\"",
+        "\"latency_ms\"",
+        "\"time_to_first_fix_s\"",
     ] {
         assert!(text.contains(key), "metrics.json lacks {key}");
     }
@@ -54,7 +72,8 @@ fn law_explain_says_what_happened_when_and_which_direction_was_weak() {
     let output = lumenav().arg("explain").arg(&out).output().expect("the program starts");
     let text = String::from_utf8_lossy(&output.stdout);
     // The dropout: about 30 s from 20 s on, with its reason.
-    let gap = text.lines().find(|l| l.contains("no update for")).unwrap_or_else(|| panic!("no gap in:\n{text}"));
+    let gap =
+        text.lines().find(|l| l.contains("no update for")).unwrap_or_else(|| panic!("no gap in:\n{text}"));
     assert!(gap.contains("dropout") && gap.trim_start().starts_with("19.9"), "{gap}");
     // The disturbance: refusals from 60 s on, by the gate or the front end.
     let burst = text
@@ -115,9 +134,12 @@ fn law_export_writes_every_format() {
     let folder = scratch();
     let out = folder.path().join("run");
     Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).ok();
-    for (format, file) in
-        [("tum", "magnetic.tum"), ("csv", "magnetic.csv"), ("kitti", "magnetic.kitti"), ("parquet", "tracks.parquet")]
-    {
+    for (format, file) in [
+        ("tum", "magnetic.tum"),
+        ("csv", "magnetic.csv"),
+        ("kitti", "magnetic.kitti"),
+        ("parquet", "tracks.parquet"),
+    ] {
         let to = folder.path().join(format);
         let output = lumenav()
             .arg("export")

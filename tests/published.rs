@@ -30,7 +30,12 @@ fn closed_form_tracker_reaches_the_bound_on_the_helix() {
 fn regress_filter_beats_tracker_on_the_helix() {
     let metrics = helix(1);
     let mean = |name: &str| metrics.tracks[name].position_error_mm.as_ref().expect("truth").mean;
-    assert!(mean("magnetic-eskf") < 0.7 * mean("magnetic"), "{} vs {}", mean("magnetic-eskf"), mean("magnetic"));
+    assert!(
+        mean("magnetic-eskf") < 0.7 * mean("magnetic"),
+        "{} vs {}",
+        mean("magnetic-eskf"),
+        mean("magnetic")
+    );
     let nees = metrics.tracks["magnetic-eskf"].nees.as_ref().expect("truth");
     assert!(nees.mean / nees.dof as f64 <= 1.5, "{nees:?}");
 }

@@ -14,7 +14,8 @@ use lumenav::core::laws::{check_model, check_sensor_is_deterministic, check_unit
 use lumenav::core::pose::skew;
 use lumenav::core::{
     BlockSpec, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, MotionInput,
-    MotionSample, Name, NominalState, Noise, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
+    MotionSample, Name, Noise, NominalState, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime,
+    StateView,
 };
 use lumenav::fusion::{Eskf, EskfOptions, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
@@ -30,7 +31,11 @@ pub(super) fn gyro_schema() -> Arc<Schema> {
 }
 
 pub(super) fn accelerometer_schema() -> Arc<Schema> {
-    Schema::channels("accelerometer/1", "force_m_s2", ["x_m_s2", "y_m_s2", "z_m_s2"].map(str::to_owned).to_vec())
+    Schema::channels(
+        "accelerometer/1",
+        "force_m_s2",
+        ["x_m_s2", "y_m_s2", "z_m_s2"].map(str::to_owned).to_vec(),
+    )
 }
 
 struct Gyro {
@@ -114,8 +119,11 @@ fn cross_gyroscope_and_gravity_equal_the_numpy_filter() {
     let mut front_end = GravityFrontEnd(Arc::new(model));
     let start = vector(&document.numbers("prior_rotation_vector_rad"));
     let options = EskfOptions { lag_s: NonNegative(0.2), ..options(1e-3, 1.0) };
-    let mut filter =
-        Eskf::new(options, gyro.blocks()).with_prior(&prior(0.01, &start, document.number("prior_sigma_rad")));
+    let mut filter = Eskf::new(options, gyro.blocks()).with_prior(&prior(
+        0.01,
+        &start,
+        document.number("prior_sigma_rad"),
+    ));
     let every = document.number("every") as usize;
     let (history, tilt) = (document.rows("history"), document.numbers("tilt_error_rad"));
     let forces = document.rows("accelerometer_m_s2");
@@ -129,7 +137,8 @@ fn cross_gyroscope_and_gravity_equal_the_numpy_filter() {
             continue;
         }
         let index = k / every;
-        let reading = instant("accelerometer", index as u64, time(k + 1), &accelerometer_schema(), &forces[index]);
+        let reading =
+            instant("accelerometer", index as u64, time(k + 1), &accelerometer_schema(), &forces[index]);
         let offered = filter.offer(measured(&mut front_end, &reading));
         let Verdict::Accepted(innovation) = offered.verdict else { panic!("{index}: {:?}", offered.verdict) };
         let belief = filter.belief().unwrap();
@@ -178,7 +187,12 @@ fn law_gravity_model_derivatives_and_units() {
 fn law_gyroscope_and_accelerometer_are_deterministic() {
     super::world::with_truth(|truth| {
         check_sensor_is_deterministic(&|| Box::new(super::world::GyroSensor::new()), truth, "gyro", 20)?;
-        check_sensor_is_deterministic(&|| Box::new(super::world::AccelerometerSensor::new()), truth, "force", 20)
+        check_sensor_is_deterministic(
+            &|| Box::new(super::world::AccelerometerSensor::new()),
+            truth,
+            "force",
+            20,
+        )
     })
     .unwrap();
 }

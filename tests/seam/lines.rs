@@ -15,13 +15,14 @@
 //! expectation-maximisation (uphill for certain), and the iteration ends where the observed one holds.
 
 use super::{Document, matrix, measured, numbers, options, prior, reading, vector};
+use lumenav::core::frame::ColumnKind;
 use lumenav::core::laws::{check_information, check_model, check_sensor_is_deterministic, check_units};
 use lumenav::core::pose::{exp_so3, oplus, skew};
 use lumenav::core::{
-    Column, ColumnSpec, Frame, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, NominalState,
-    Outcome, Part, PosePrior, PriorUse, RandomStreams, Reading, Rows, Schema, SimTime, StateView,
+    Column, ColumnSpec, Frame, FrontEnd, Instant, Linearization, Measurement, MeasurementModel,
+    ModalityError, NominalState, Outcome, Part, PosePrior, PriorUse, RandomStreams, Reading, Rows, Schema,
+    SimTime, StateView,
 };
-use lumenav::core::frame::ColumnKind;
 use lumenav::evaluation::consistency::across_runs::{AcrossRunsSummary, NeesAcrossRuns};
 use lumenav::evaluation::consistency::quadratic_form;
 use lumenav::fusion::{Eskf, Verdict};
@@ -49,7 +50,8 @@ pub(super) fn label_schema() -> Arc<Schema> {
 }
 
 pub(super) fn frame(lines: &[(Vector3<f64>, Vector3<f64>)]) -> Frame {
-    let column = |value: &dyn Fn(&(Vector3<f64>, Vector3<f64>)) -> f64| Column::F64(lines.iter().map(value).collect());
+    let column =
+        |value: &dyn Fn(&(Vector3<f64>, Vector3<f64>)) -> f64| Column::F64(lines.iter().map(value).collect());
     let mut columns: Vec<Column> = (0..3).map(|i| column(&|line| line.0[i])).collect();
     columns.extend((0..3).map(|i| column(&|line| line.1[i])));
     Frame::new(schema(), columns, vec![true; lines.len()]).unwrap()
@@ -90,7 +92,8 @@ impl LineModel {
         let columns = ["x_m", "y_m", "z_m", "ux_unit", "uy_unit", "uz_unit"].map(|name| value.f64(name));
         let [x, y, z, ux, uy, uz] = columns;
         let (x, y, z, ux, uy, uz) = (x?, y?, z?, ux?, uy?, uz?);
-        let placed: Vec<Placed> = self.markers_capsule_m.iter().map(|marker| Placed::new(marker, pose)).collect();
+        let placed: Vec<Placed> =
+            self.markers_capsule_m.iter().map(|marker| Placed::new(marker, pose)).collect();
         let mut sums = Sums {
             gradient: Vector6::zeros(),
             information: Matrix6::zeros(),
@@ -98,7 +101,12 @@ impl LineModel {
             explained: 0.0,
         };
         for l in (0..value.rows()).filter(|l| value.valid()[*l]) {
-            self.add_line(&Vector3::new(x[l], y[l], z[l]), &Vector3::new(ux[l], uy[l], uz[l]), &placed, &mut sums);
+            self.add_line(
+                &Vector3::new(x[l], y[l], z[l]),
+                &Vector3::new(ux[l], uy[l], uz[l]),
+                &placed,
+                &mut sums,
+            );
         }
         Ok(sums)
     }
@@ -107,7 +115,8 @@ impl LineModel {
         let variance = self.sigma_m.powi(2);
         let across = Matrix3::identity() - direction * direction.transpose();
         let peak = (1.0 - self.background) / placed.len() as f64 / (std::f64::consts::TAU * variance);
-        let offsets: Vec<Vector3<f64>> = placed.iter().map(|marker| across * (marker.at_world_m - point)).collect();
+        let offsets: Vec<Vector3<f64>> =
+            placed.iter().map(|marker| across * (marker.at_world_m - point)).collect();
         let densities: Vec<f64> =
             offsets.iter().map(|d| peak * (-0.5 * d.norm_squared() / variance).exp()).collect();
         let background = self.background / (std::f64::consts::PI * self.disc_radius_m.powi(2));
@@ -240,7 +249,10 @@ fn cross_mixture_of_500_lines_equals_40_digit_derivatives() {
             let relative = (a - b).amax() / b.amax();
             assert!(relative < 1e-9, "information block ({row}, {column}): {relative:e}");
         }
-        assert!((effective_count - 350.0).abs() < 40.0, "{effective_count} of 500 lines explained, 30 % are background");
+        assert!(
+            (effective_count - 350.0).abs() < 40.0,
+            "{effective_count} of 500 lines explained, 30 % are background"
+        );
     }
 }
 
@@ -271,7 +283,12 @@ fn law_line_sensor_is_deterministic() {
 }
 
 /// Lines of a window seen from a pose, by a model.
-fn draw(model: &LineModel, pose: &Isometry3<f64>, streams: &RandomStreams, k: u64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+fn draw(
+    model: &LineModel,
+    pose: &Isometry3<f64>,
+    streams: &RandomStreams,
+    k: u64,
+) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let mut stream = streams.stream("lines", k);
     (0..500)
         .map(|_| {
@@ -303,7 +320,8 @@ fn law_observed_information_is_the_scatter_of_the_gradient() {
         scatter.push(scaled(&(sums.gradient * sums.gradient.transpose())));
         complete.push(scaled(&careless.sums(&lines, &pose).unwrap().information));
     }
-    let mean = |all: &[DMatrix<f64>]| all.iter().fold(DMatrix::zeros(6, 6), |sum, m| sum + m) / all.len() as f64;
+    let mean =
+        |all: &[DMatrix<f64>]| all.iter().fold(DMatrix::zeros(6, 6), |sum, m| sum + m) / all.len() as f64;
     // Relative standard error of a covariance from 2000 draws: about sqrt(2/2000) = 3 % per entry.
     check_information(&mean(&scatter), &observed, 0.08).unwrap();
     let (truly, claimed) = (mean(&observed).symmetric_eigenvalues(), mean(&complete).symmetric_eigenvalues());

@@ -17,9 +17,7 @@ mod ranges;
 mod world;
 
 use lumenav::core::config::quantity::{Finite, NonNegative, Positive};
-use lumenav::core::{
-    Frame, FrontEnd, Measurement, MotionModel, Name, Outcome, Reading, Schema, SimTime,
-};
+use lumenav::core::{Frame, FrontEnd, Measurement, MotionModel, Name, Outcome, Reading, Schema, SimTime};
 use lumenav::fusion::options::Probability;
 use lumenav::fusion::{EskfOptions, PriorOptions};
 use nalgebra::{DMatrix, Vector3};

@@ -16,8 +16,8 @@ use lumenav::core::fix::FixModel;
 use lumenav::core::laws::{check_model, check_sensor_is_deterministic, check_units};
 use lumenav::core::pose::{exp_so3, log_so3, right_jacobian_inverse_so3, skew};
 use lumenav::core::{
-    FixKind, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Name, NominalState,
-    Noise, Outcome, Part, PoseEstimate, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
+    FixKind, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Name, Noise,
+    NominalState, Outcome, Part, PoseEstimate, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
 };
 use lumenav::fusion::{Eskf, EskfOptions, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
@@ -37,7 +37,8 @@ impl MeasurementModel for RelativePoseModel {
     fn linearize(&self, m: &Measurement, at: &dyn StateView) -> Result<Linearization, ModalityError> {
         let since = m.since.ok_or(ModalityError::MissingState("the start of a relative motion"))?;
         let clone = Instant::Clone(since);
-        let first = at.world_from_capsule(clone).ok_or(ModalityError::MissingState("the clone of a key frame"))?;
+        let first =
+            at.world_from_capsule(clone).ok_or(ModalityError::MissingState("the clone of a key frame"))?;
         let now = at.world_from_capsule(Instant::Now).ok_or(ModalityError::MissingState("the pose now"))?;
         let z = m.value.f64("value")?;
         let relative = first.inverse() * now;
@@ -54,7 +55,8 @@ impl MeasurementModel for RelativePoseModel {
         by_now.view_mut((3, 0), (3, 3)).copy_from(&first_from_world);
         by_first.view_mut((3, 0), (3, 3)).copy_from(&-first_from_world);
         by_first.view_mut((3, 3), (3, 3)).copy_from(&skew(&relative.translation.vector));
-        let noise = DVector::from_fn(6, |i, _| if i < 3 { self.sigma_rad.powi(2) } else { self.sigma_m.powi(2) });
+        let noise =
+            DVector::from_fn(6, |i, _| if i < 3 { self.sigma_rad.powi(2) } else { self.sigma_m.powi(2) });
         let jacobian = vec![(Part::Pose(clone), by_first), (Part::Pose(Instant::Now), by_now)];
         Ok(Linearization::Residual { residual, jacobian, noise: Noise::Diagonal(noise) })
     }
@@ -123,8 +125,10 @@ fn second(k: usize) -> SimTime {
 }
 
 fn run(document: &Document) -> (Eskf, f64, f64, f64) {
-    let model =
-        RelativePoseModel { sigma_rad: document.number("odometry_sigma_rad"), sigma_m: document.number("odometry_sigma_m") };
+    let model = RelativePoseModel {
+        sigma_rad: document.number("odometry_sigma_rad"),
+        sigma_m: document.number("odometry_sigma_m"),
+    };
     let mut front_end = OdometryFrontEnd { model: Arc::new(model), key_frame: second(0) };
     // White noises per step of 29 mm and 0.29 rad. A lag of a step and a half: two clones at most.
     let mut filter = Eskf::new(EskfOptions { lag_s: NonNegative(1.5), ..options(0.05, 0.5) }, Vec::new());
@@ -146,7 +150,8 @@ fn run(document: &Document) -> (Eskf, f64, f64, f64) {
     filter.want_clones(&name, front_end.wanted_clones());
     let (every, fixes) = (document.number("every") as usize, document.rows("fixes_m"));
     let position_covariance = Matrix6::from_diagonal_element(document.number("fix_sigma_m").powi(2));
-    let (truth_m, truth_rad) = (document.rows("truth_positions_m"), document.rows("truth_rotation_vectors_rad"));
+    let (truth_m, truth_rad) =
+        (document.rows("truth_positions_m"), document.rows("truth_rotation_vectors_rad"));
     let (isam2_m, odometry) = (document.rows("isam2_positions_m"), document.rows("odometry_rad_m"));
     let (mut position, mut attitude, mut from_isam2) = (0.0, 0.0, 0.0);
     for k in 0..truth_m.len() {
@@ -229,7 +234,12 @@ fn law_relative_pose_model_derivatives_and_units() {
 #[test]
 fn law_odometry_sensor_is_deterministic() {
     super::world::with_truth(|truth| {
-        check_sensor_is_deterministic(&|| Box::new(super::world::OdometrySensor::new()), truth, "odometry", 20)
+        check_sensor_is_deterministic(
+            &|| Box::new(super::world::OdometrySensor::new()),
+            truth,
+            "odometry",
+            20,
+        )
     })
     .unwrap();
 }

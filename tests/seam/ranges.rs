@@ -8,13 +8,13 @@
 //! estimates must not move by a bit.
 
 use super::{Document, instant, measured, options, prior, vector};
+use lumenav::core::config::quantity::Positive;
 use lumenav::core::laws::{check_model, check_sensor_is_deterministic, check_units};
 use lumenav::core::{
-    BlockSpec, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Name,
-    NominalState, Noise, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
+    BlockSpec, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Name, Noise,
+    NominalState, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
 };
 use lumenav::fusion::{Eskf, EskfOptions, Verdict};
-use lumenav::core::config::quantity::Positive;
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 use std::sync::Arc;
 
@@ -82,7 +82,8 @@ fn document() -> Document {
 }
 
 fn model(document: &Document) -> Arc<RangeModel> {
-    let anchors_world_m: Vec<Vector3<f64>> = document.rows("anchors_world_m").iter().map(|a| vector(a)).collect();
+    let anchors_world_m: Vec<Vector3<f64>> =
+        document.rows("anchors_world_m").iter().map(|a| vector(a)).collect();
     let n = anchors_world_m.len();
     let prior_sigma = Document(document.0["prior_sigma"].clone());
     let block = BlockSpec {
@@ -105,17 +106,24 @@ fn cross_ranges_with_biases_equal_filterpy_over_1000_steps() {
         ..options(document.number("velocity_random_walk_m_s_per_sqrt_s"), 0.1)
     };
     let turned = Vector3::new(0.3, -0.2, 0.9);
-    let mut filter = Eskf::new(options, front_end.blocks())
-        .with_prior(&prior(prior_sigma.number("position_m"), &turned, 0.1));
+    let mut filter = Eskf::new(options, front_end.blocks()).with_prior(&prior(
+        prior_sigma.number("position_m"),
+        &turned,
+        0.1,
+    ));
     let attitude = filter.belief().unwrap().state.world_from_capsule.rotation;
-    let (nis, states, variances) = (document.numbers("nis"), document.rows("states"), document.rows("variances"));
+    let (nis, states, variances) =
+        (document.numbers("nis"), document.rows("states"), document.rows("variances"));
     let schema = schema(model.anchors_world_m.len());
     let (mut worst_state, mut worst_variance, mut worst_nis) = (0.0_f64, 0.0_f64, 0.0_f64);
     let mut log_likelihood = 0.0;
     for (k, ranges_m) in document.rows("ranges_m").iter().enumerate() {
         let at = SimTime::from_seconds(document.number("step_s") * (k + 1) as f64);
-        let offered = filter.offer(measured(&mut front_end, &instant("ranges", k as u64, at, &schema, ranges_m)));
-        let Verdict::Accepted(innovation) = offered.verdict else { panic!("step {k}: {:?}", offered.verdict) };
+        let offered =
+            filter.offer(measured(&mut front_end, &instant("ranges", k as u64, at, &schema, ranges_m)));
+        let Verdict::Accepted(innovation) = offered.verdict else {
+            panic!("step {k}: {:?}", offered.verdict)
+        };
         worst_nis = worst_nis.max((innovation.chi_square / nis[k] - 1.0).abs());
         log_likelihood += innovation.log_likelihood;
         if (k + 1) % 10 == 0 {
@@ -134,7 +142,9 @@ fn cross_ranges_with_biases_equal_filterpy_over_1000_steps() {
         }
     }
     let relative = (log_likelihood / document.number("log_likelihood") - 1.0).abs();
-    println!("|dx| {worst_state:.1e}, variance {worst_variance:.1e}, NIS {worst_nis:.1e}, log-likelihood {relative:.1e}");
+    println!(
+        "|dx| {worst_state:.1e}, variance {worst_variance:.1e}, NIS {worst_nis:.1e}, log-likelihood {relative:.1e}"
+    );
     assert!(worst_state < 1e-9, "state {worst_state:e}");
     assert!(worst_variance < 1e-8, "variance {worst_variance:e}");
     assert!(worst_nis < 1e-9, "NIS {worst_nis:e}");
@@ -151,8 +161,10 @@ fn law_range_model_derivatives_and_units() {
     let values = [0.5, 0.52, f64::NAN, 0.4, 0.6, 0.55];
     let measurement = measured(&mut front_end, &instant("ranges", 0, SimTime::ZERO, &schema, &values));
     for turn in [0.0, 1e-9, 1.0, std::f64::consts::PI - 1e-7] {
-        let mut state =
-            NominalState::at_rest(Isometry3::new(Vector3::new(0.03, -0.02, 0.01), Vector3::new(0.0, turn, 0.0)));
+        let mut state = NominalState::at_rest(Isometry3::new(
+            Vector3::new(0.03, -0.02, 0.01),
+            Vector3::new(0.0, turn, 0.0),
+        ));
         state.blocks.insert(BLOCK.into(), DVector::from_element(6, 0.01));
         check_model(model.as_ref(), &measurement, &state, 1e-6).unwrap();
         let Linearization::Residual { residual, .. } = model.linearize(&measurement, &state).unwrap() else {
@@ -168,7 +180,12 @@ fn law_range_model_derivatives_and_units() {
 fn law_range_sensor_is_deterministic() {
     let anchors = model(&document()).anchors_world_m.clone();
     super::world::with_truth(|truth| {
-        check_sensor_is_deterministic(&|| Box::new(super::world::RangeSensor::new(anchors.clone())), truth, "ranges", 20)
+        check_sensor_is_deterministic(
+            &|| Box::new(super::world::RangeSensor::new(anchors.clone())),
+            truth,
+            "ranges",
+            20,
+        )
     })
     .unwrap();
 }

@@ -6,7 +6,8 @@ use super::lines::LineModel;
 use super::{gyro, instant, lines, odometry, ranges, reading};
 use lumenav::core::pose::{exp_so3, log_so3};
 use lumenav::core::{
-    CapsuleTruth, Column, Frame, ModalityError, Observation, RandomStream, RandomStreams, Sensor, SimTime, TruthView,
+    CapsuleTruth, Column, Frame, ModalityError, Observation, RandomStream, RandomStreams, Sensor, SimTime,
+    TruthView,
 };
 use nalgebra::{Isometry3, Translation3, Vector3};
 use rand::RngExt as _;
@@ -141,7 +142,8 @@ impl Sensor for OdometrySensor {
         let sequence = self.0.next();
         let mut noise = random.stream("noise", sequence);
         let since = at - PERIOD_NS;
-        let relative = truth.capsule(since).world_from_capsule.inverse() * truth.capsule(at).world_from_capsule;
+        let relative =
+            truth.capsule(since).world_from_capsule.inverse() * truth.capsule(at).world_from_capsule;
         let turn = log_so3(&(relative.rotation * exp_so3(&(0.01 * normal3(&mut noise)))));
         let moved = relative.translation.vector + 5e-4 * normal3(&mut noise);
         let values: Vec<f64> = turn.iter().chain(moved.iter()).copied().collect();

@@ -74,6 +74,7 @@ pub enum Command {
 
 /// Options of `run`.
 #[derive(Clone, Debug, Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub struct RunOptions {
     /// The scenario file.
     pub scenario: PathBuf,

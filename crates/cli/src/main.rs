@@ -41,10 +41,19 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
     use lumenav::scenario::ScenarioError;
     let is_input = error.chain().any(|cause| {
         cause.is::<lumenav::core::ConfigError>()
-            || matches!(cause.downcast_ref::<ScenarioError>(), Some(ScenarioError::Config(_) | ScenarioError::Records(_)))
+            || matches!(
+                cause.downcast_ref::<ScenarioError>(),
+                Some(ScenarioError::Config(_) | ScenarioError::Records(_))
+            )
             || matches!(cause.downcast_ref::<RunError>(), Some(RunError::Config(_) | RunError::Modality(_)))
     });
     let stopped =
         error.chain().any(|cause| matches!(cause.downcast_ref::<RunError>(), Some(RunError::Stopped { .. })));
-    ExitCode::from(if stopped { 130 } else if is_input { 3 } else { 1 })
+    ExitCode::from(if stopped {
+        130
+    } else if is_input {
+        3
+    } else {
+        1
+    })
 }

@@ -29,7 +29,9 @@ impl RunObserver for Progress {
             None => (ProgressBar::new_spinner(), "{spinner} {msg} {pos} s of data"),
         };
         // The templates above are constants that parse; should they not, the default style does.
-        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_style(
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
         bar.set_message(header.scenario.clone());
         self.bar = Some(bar);
         Ok(())

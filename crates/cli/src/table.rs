@@ -22,11 +22,22 @@ fn new_table(header: &[&str]) -> Table {
 /// A row per track: position error, heading, availability, NEES, verdict.
 pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
     let mut table = new_table(&[
-        "track", "mean mm", "median", "p95", "max", "heading deg", "available", "NEES/dof", "rmse/bound", "updates", "us/update",
+        "track",
+        "mean mm",
+        "median",
+        "p95",
+        "max",
+        "heading deg",
+        "available",
+        "NEES/dof",
+        "rmse/bound",
+        "updates",
+        "us/update",
     ]);
     for (name, t) in &metrics.tracks {
         let p = t.position_error_mm.as_ref();
-        let per_update = timing.and_then(|all| all.tracks.get(name)).and_then(|x| x.update_ms).map(|s| 1e3 * s.mean);
+        let per_update =
+            timing.and_then(|all| all.tracks.get(name)).and_then(|x| x.update_ms).map(|s| 1e3 * s.mean);
         table.add_row(vec![
             name.clone(),
             number(p.map(|s| s.mean), 3),
@@ -44,10 +55,10 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
     let mut text = table.to_string();
     for (name, t) in &metrics.tracks {
         if let Some(verdict) = &t.verdict {
-            text.push_str(&format!("\n{name}: {verdict}"));
+            text = format!("{text}\n{name}: {verdict}");
         }
         if let Some(line) = refusals(t) {
-            text.push_str(&format!("\n{name}: {line}"));
+            text = format!("{text}\n{name}: {line}");
         }
     }
     text
@@ -64,7 +75,15 @@ fn refusals(track: &TrackMetrics) -> Option<String> {
 
 /// Means over trials with 95 % intervals.
 pub fn of_trials(all: &[Metrics]) -> String {
-    let mut table = new_table(&["track", "trials", "mean mm (95 %)", "rmse mm (95 %)", "worst mm", "NEES/dof", "available"]);
+    let mut table = new_table(&[
+        "track",
+        "trials",
+        "mean mm (95 %)",
+        "rmse mm (95 %)",
+        "worst mm",
+        "NEES/dof",
+        "available",
+    ]);
     let Some(first) = all.first() else { return table.to_string() };
     for name in first.tracks.keys() {
         let tracks: Vec<&TrackMetrics> = all.iter().filter_map(|m| m.tracks.get(name)).collect();
@@ -72,14 +91,13 @@ pub fn of_trials(all: &[Metrics]) -> String {
             tracks.iter().filter_map(|t| f(t)).collect()
         };
         let mut random = RandomStreams::new(0, 0, "table").stream("bootstrap", 0);
-        let mut with_interval = |values: &[f64]| {
-            match mean_with_interval(values, &BootstrapSettings::default(), &mut random) {
-            Ok(m) => format!("{:.3} ({:.3} to {:.3})", m.mean, m.lower, m.upper),
-            Err(_) => values.first().map_or_else(|| "-".to_owned(), |v| format!("{v:.3}")),
-        }};
-        let mean = |values: Vec<f64>| {
-            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-        };
+        let mut with_interval =
+            |values: &[f64]| match mean_with_interval(values, &BootstrapSettings::default(), &mut random) {
+                Ok(m) => format!("{:.3} ({:.3} to {:.3})", m.mean, m.lower, m.upper),
+                Err(_) => values.first().map_or_else(|| "-".to_owned(), |v| format!("{v:.3}")),
+            };
+        let mean =
+            |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
         let position = |f: fn(&lumenav::evaluation::summary::ScalarSummary) -> f64| {
             values(&|t| t.position_error_mm.as_ref().map(f))
         };

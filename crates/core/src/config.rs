@@ -8,9 +8,9 @@
 //! Values with a range use the number types of [`quantity`]: a negative radius or a NaN is refused while parsing, at its
 //! line.
 
-pub mod quantity;
 mod node;
 mod overrides;
+pub mod quantity;
 
 pub use node::{Node, Resolved, ResolvedLog};
 
@@ -32,10 +32,10 @@ impl ConfigError {
     fn render(&self) -> String {
         let mut text = self.file.clone();
         if let Some((line, column)) = self.position {
-            text.push_str(&format!(":{line}:{column}"));
+            text = format!("{text}:{line}:{column}");
         }
         if !self.key.is_empty() {
-            text.push_str(&format!(": `{}`", self.key));
+            text = format!("{text}: `{}`", self.key);
         }
         format!("{text}: {}", self.message)
     }

@@ -106,7 +106,9 @@ impl PoseEstimate {
             3.0 => FixKind::Position,
             5.0 => FixKind::Pointing,
             6.0 => FixKind::Full,
-            other => return Err(ModalityError::Reading(format!("a pose fix with {other} degrees of freedom"))),
+            other => {
+                return Err(ModalityError::Reading(format!("a pose fix with {other} degrees of freedom")));
+            }
         };
         Ok(Self {
             world_from_capsule: Isometry3::from_parts(
@@ -124,10 +126,7 @@ impl PoseEstimate {
 pub struct FixModel;
 
 /// A fix as residual, Jacobian with respect to `[δp, δθ]`, and covariance.
-fn fix_residual(
-    fix: &PoseEstimate,
-    state: &Isometry3<f64>,
-) -> (DVector<f64>, DMatrix<f64>, DMatrix<f64>) {
+fn fix_residual(fix: &PoseEstimate, state: &Isometry3<f64>) -> (DVector<f64>, DMatrix<f64>, DMatrix<f64>) {
     let n = fix.kind.degrees_of_freedom();
     let mut residual = DVector::zeros(n);
     let mut jacobian = DMatrix::zeros(n, 6);
@@ -187,7 +186,9 @@ impl MeasurementModel for FixModel {
         let (_, jacobian, covariance) = fix_residual(&fix, &state);
         let weighted = covariance
             .cholesky()
-            .ok_or_else(|| ModalityError::Undefined("the covariance of a fix is not positive definite".into()))?
+            .ok_or_else(|| {
+                ModalityError::Undefined("the covariance of a fix is not positive definite".into())
+            })?
             .solve(&jacobian);
         Ok(Some(jacobian.transpose() * weighted))
     }

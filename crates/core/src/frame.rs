@@ -137,7 +137,10 @@ impl Frame {
                 Column::Bytes(_) => (ColumnKind::Bytes, valid.len()),
             };
             if kind != spec.kind {
-                return Err(shape(format!("column `{}` is {kind:?}, schema says {:?}", spec.name, spec.kind)));
+                return Err(shape(format!(
+                    "column `{}` is {kind:?}, schema says {:?}",
+                    spec.name, spec.kind
+                )));
             }
             if length != valid.len() {
                 return Err(shape(format!("column `{}` has {length} rows of {}", spec.name, valid.len())));

@@ -1,12 +1,12 @@
 //! The estimator side of a plugin: from readings to measurements.
 
+use crate::Name;
 use crate::fix::PoseEstimate;
 use crate::frame::Reading;
 use crate::measurement::{BlockSpec, Measurement, StateView};
 use crate::modality::ModalityError;
 use crate::primitive::Primitive;
 use crate::time::SimTime;
-use crate::Name;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::sync::Arc;
 

@@ -27,7 +27,9 @@ pub enum LawViolation {
     #[error("the state does not hold {0:?}")]
     MissingPart(Part),
     /// Analytic and numeric derivative differ.
-    #[error("derivative by {part:?}: analytic and central differences differ by {relative:.2e} (allowed {allowed:.1e})")]
+    #[error(
+        "derivative by {part:?}: analytic and central differences differ by {relative:.2e} (allowed {allowed:.1e})"
+    )]
     Derivative {
         /// By which part.
         part: Part,
@@ -37,7 +39,9 @@ pub enum LawViolation {
         allowed: f64,
     },
     /// Expected and mean realised information differ.
-    #[error("information: expected and mean realised differ by {relative:.2e} of the norm (allowed {allowed:.1e})")]
+    #[error(
+        "information: expected and mean realised differ by {relative:.2e} of the norm (allowed {allowed:.1e})"
+    )]
     Information {
         /// Frobenius norm of the difference over that of the expected.
         relative: f64,
@@ -172,8 +176,8 @@ pub fn check_sensor_is_deterministic(
 
 /// Suffixes that name a unit, as they stand in column names.
 const UNITS: [&str; 27] = [
-    "_m", "_mm", "_tesla", "_T", "_ut", "_rad", "_deg", "_s", "_ms", "_ns", "_hz", "_m_s", "_mps2", "_m_s2", "_rad_s",
-    "_radps", "_n", "_nm", "_dBm", "_v", "_j", "_bq", "_px", "_index", "_count", "_unit", "_image",
+    "_m", "_mm", "_tesla", "_T", "_ut", "_rad", "_deg", "_s", "_ms", "_ns", "_hz", "_m_s", "_mps2", "_m_s2",
+    "_rad_s", "_radps", "_n", "_nm", "_dBm", "_v", "_j", "_bq", "_px", "_index", "_count", "_unit", "_image",
 ];
 
 /// Every column (or channel label) of a schema ends in a unit.

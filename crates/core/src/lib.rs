@@ -48,7 +48,9 @@ pub use path_map::{PathMap, PathProjection};
 pub use primitive::Primitive;
 pub use random::{RandomStream, RandomStreams};
 pub use schedule::Schedule;
-pub use sensor::{Observation, Sensor};
+#[expect(clippy::disallowed_types, reason = "this crate defines what only the world side may name")]
+pub use sensor::Observation;
+pub use sensor::Sensor;
 pub use setup::{CapsuleBody, ModelFolder, Setup};
 pub use state::NominalState;
 pub use time::SimTime;

@@ -3,11 +3,11 @@
 //! A model is asked about a *state*, never about a belief: iterated updates, sigma points and particles look away from
 //! the mean, and a model that sees a covariance will use it twice.
 
+use crate::Name;
 use crate::fix::PoseEstimate;
 use crate::frame::Frame;
 use crate::modality::ModalityError;
 use crate::time::SimTime;
-use crate::Name;
 use nalgebra::{DMatrix, DVector, DVectorView, Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

@@ -81,7 +81,12 @@ pub trait Modality: Send + Sync {
     ///
     /// # Errors
     /// [`ModalityError`] with file, line and key.
-    fn sensor(&self, installed: &Node, reality: &Node, setup: &Setup) -> Result<Box<dyn Sensor>, ModalityError>;
+    fn sensor(
+        &self,
+        installed: &Node,
+        reality: &Node,
+        setup: &Setup,
+    ) -> Result<Box<dyn Sensor>, ModalityError>;
 
     /// The estimator side, once per track and trial: it never sees `reality`.
     ///
@@ -93,7 +98,12 @@ pub trait Modality: Send + Sync {
     ///
     /// # Errors
     /// [`ModalityError`] with file, line and key, or where the modality has no reader.
-    fn reader(&self, _installed: &Node, _files: &Node, _setup: &Setup) -> Result<ReadingStream, ModalityError> {
+    fn reader(
+        &self,
+        _installed: &Node,
+        _files: &Node,
+        _setup: &Setup,
+    ) -> Result<ReadingStream, ModalityError> {
         Err(ModalityError::Unsupported { kind: self.kind(), what: "has no reader of recorded data" })
     }
 }

@@ -40,8 +40,12 @@ mod tests {
 
     #[test]
     fn law_a_rate_of_three_hertz_does_not_drift() {
-        let schedule =
-            Schedule { rate_hz: Positive(3.0), start_s: NonNegative(0.5), latency_ms: NonNegative(20.0), loss: Fraction(0.0) };
+        let schedule = Schedule {
+            rate_hz: Positive(3.0),
+            start_s: NonNegative(0.5),
+            latency_ms: NonNegative(20.0),
+            loss: Fraction(0.0),
+        };
         assert_eq!(schedule.due(0), SimTime(500_000_000));
         assert_eq!(schedule.due(3 * 28_800), SimTime(28_800_500_000_000));
         assert_eq!(schedule.arrival(SimTime(5)), SimTime(20_000_005));

@@ -1,9 +1,9 @@
 //! What the framework hands every plugin when it is built: the sensor's name, the capsule, the models folder.
 
+use crate::Name;
 use crate::config::{ConfigError, Node};
 use crate::path_map::PathMap;
 use crate::schedule::Schedule;
-use crate::Name;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

@@ -1,9 +1,9 @@
 //! A nominal state that can be moved along its error parts: what filters carry, and what bounds and laws look from.
 
+use crate::Name;
 use crate::measurement::{Instant, Part, StateView};
 use crate::pose::oplus;
 use crate::time::SimTime;
-use crate::Name;
 use nalgebra::{DVector, DVectorView, Isometry3, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -48,7 +48,8 @@ impl NominalState {
     pub fn perturb(&mut self, part: &Part, error: DVectorView<'_, f64>) {
         match part {
             Part::Pose(Instant::Now) => {
-                self.world_from_capsule = oplus(&self.world_from_capsule, &Vector6::from_iterator(error.iter().copied()));
+                self.world_from_capsule =
+                    oplus(&self.world_from_capsule, &Vector6::from_iterator(error.iter().copied()));
             }
             Part::Pose(Instant::Clone(at)) => {
                 if let Some(pose) = self.clones.get_mut(at) {
@@ -85,6 +86,6 @@ impl StateView for NominalState {
     }
 
     fn block(&self, name: &str) -> Option<DVectorView<'_, f64>> {
-        self.blocks.get(name).map(|block| block.as_view())
+        self.blocks.get(name).map(DVector::as_view)
     }
 }

@@ -27,7 +27,8 @@
 
 use lumenav_core::pose::{exp_so3, renormalize, right_jacobian_so3, skew};
 use lumenav_core::{
-    AxisStep, BlockSpec, FixKind, Instant, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate, SimTime,
+    AxisStep, BlockSpec, FixKind, Instant, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate,
+    SimTime,
 };
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3xX, Matrix6, MatrixXx3, Vector3};
 use std::sync::Arc;
@@ -107,7 +108,8 @@ impl Belief {
 
     /// `δω_capsule` by the filter's own columns: `[ω]ₓ` for δθ, `Rᵀ` for δω_world.
     pub fn rate_by_columns(state: &NominalState) -> (Matrix3<f64>, Matrix3<f64>) {
-        let capsule_from_world = state.world_from_capsule.rotation.to_rotation_matrix().into_inner().transpose();
+        let capsule_from_world =
+            state.world_from_capsule.rotation.to_rotation_matrix().into_inner().transpose();
         (skew(&state.angular_rate_capsule_rad_s), capsule_from_world)
     }
 

@@ -14,11 +14,11 @@ use crate::gate::Gate;
 use crate::options::{EskfOptions, PriorOptions};
 use crate::update::{Innovation, propose, worst_channels};
 use lumenav_core::pose::exp_so3;
+use lumenav_core::time::nanoseconds;
 use lumenav_core::{
     BlockSpec, FixKind, Measurement, ModalityError, MotionInput, Name, PoseEstimate, PosePrior, PriorUse,
     PublishedEstimate, Reading, SimTime,
 };
-use lumenav_core::time::nanoseconds;
 use nalgebra::{Isometry3, Matrix6, Translation3, Vector3};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -269,7 +269,8 @@ impl Eskf {
         let key = (measurement.at, 1, measurement.sensor.clone(), measurement.sequence);
         let offered = self.insert(key, Action::Measure(measurement));
         // An entry that measures always answers.
-        let offered = offered.unwrap_or(Offered { verdict: Verdict::Refused(Refused::NotStarted), lost: None });
+        let offered =
+            offered.unwrap_or(Offered { verdict: Verdict::Refused(Refused::NotStarted), lost: None });
         self.count(&offered);
         offered
     }
@@ -398,7 +399,9 @@ impl Eskf {
             return Verdict::Refused(Refused::Gate { innovation, threshold, worst_channels });
         }
         if !proposal.is_sound() {
-            return Verdict::Refused(Refused::Failed("the update leaves numbers that are not finite".to_owned()));
+            return Verdict::Refused(Refused::Failed(
+                "the update leaves numbers that are not finite".to_owned(),
+            ));
         }
         proposal.apply(belief);
         Verdict::Accepted(innovation)

@@ -15,7 +15,9 @@ impl<'de> Deserialize<'de> for Probability {
         if value > 0.0 && value < 1.0 {
             Ok(Self(value))
         } else {
-            Err(de::Error::custom(format!("{value} is not allowed here; it must lie between 0 and 1, ends excluded")))
+            Err(de::Error::custom(format!(
+                "{value} is not allowed here; it must lie between 0 and 1, ends excluded"
+            )))
         }
     }
 }

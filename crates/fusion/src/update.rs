@@ -28,11 +28,13 @@
 //!
 //! A strongly nonlinear model is re-linearised (Gauss-Newton on the posterior: Bell and Cathey 1993): with e the error from
 //! the predicted to the current state, derivatives by the current state's error are turned into derivatives by e (rotation
-//! columns times the Jacobian G of the correction, see [`crate::belief`]), and b is replaced by b + A e. Its fixed point is
-//! the posterior's mode.
+//! columns times the Jacobian G of the correction, see [`crate::belief`]), and b is replaced by b + A e. Steps that lead uphill
+//! are halved. The fixed point is the posterior's mode.
 
 use crate::belief::{Belief, POSE, RATE, correction_jacobian};
-use crate::dense::{add_outer_lower, cholesky_semidefinite, congruence, mirror_lower, solve_right_transposed};
+use crate::dense::{
+    add_outer_lower, cholesky_semidefinite, congruence, mirror_lower, solve_right_transposed,
+};
 use lumenav_core::{Linearization, Measurement, ModalityError, Noise, NominalState, Part};
 use nalgebra::{DMatrix, DVector};
 
@@ -99,13 +101,13 @@ pub fn compress(
         Linearization::Information { parts, gradient, information, log_likelihood, .. } => {
             let touched = Touched::by(parts.iter(), belief, state)?;
             if touched.width != gradient.len() || information.shape() != (touched.width, touched.width) {
-                return Err(ModalityError::Undefined("information, gradient and parts disagree in size".into()));
+                return Err(ModalityError::Undefined(
+                    "information, gradient and parts disagree in size".into(),
+                ));
             }
             let (information, gradient) = match &touched.to_parts {
                 None => (information.clone(), gradient.clone()),
-                Some(to_parts) => {
-                    (to_parts.tr_mul(&(information * to_parts)), to_parts.tr_mul(gradient))
-                }
+                Some(to_parts) => (to_parts.tr_mul(&(information * to_parts)), to_parts.tr_mul(gradient)),
             };
             let evidence = Evidence::Information { log_likelihood: *log_likelihood };
             let Touched { columns, rotations, .. } = touched;
@@ -251,7 +253,9 @@ fn whiten(rows: &mut DMatrix<f64>, noise: &Noise) -> Result<f64, ModalityError> 
             }
             Ok(log_determinant)
         }
-        _ => Err(ModalityError::Undefined("a measurement's noise disagrees with its residual in size".into())),
+        _ => {
+            Err(ModalityError::Undefined("a measurement's noise disagrees with its residual in size".into()))
+        }
     }
 }
 
@@ -303,10 +307,18 @@ struct Gain {
 impl Gain {
     fn new(belief: &Belief, columns: &[usize]) -> Result<Self, ModalityError> {
         let mut spread = belief.covariance.select_columns(columns);
-        let root = cholesky_semidefinite(spread.select_rows(columns))
-            .ok_or_else(|| ModalityError::Undefined("the belief's covariance lost its definiteness".into()))?;
+        let root = cholesky_semidefinite(spread.select_rows(columns)).ok_or_else(|| {
+            ModalityError::Undefined("the belief's covariance lost its definiteness".into())
+        })?;
         solve_right_transposed(&mut spread, &root);
         Ok(Self { root, spread })
+    }
+
+    /// `(C⁻¹ e)ᵀ` on the touched columns: an error in standard deviations of the prior.
+    fn standardised(&self, error: &DVector<f64>, columns: &[usize]) -> DMatrix<f64> {
+        let mut touched = DMatrix::from_iterator(1, columns.len(), columns.iter().map(|c| error[*c]));
+        solve_right_transposed(&mut touched, &self.root);
+        touched
     }
 
     /// L of `M = I + Cᵀ A C = L Lᵀ`, and what follows from it.
@@ -316,7 +328,9 @@ impl Gain {
         // Every pivot of I + (semidefinite) is at least 1, but for rounding.
         let factor = cholesky_semidefinite(m)
             .filter(|factor| factor.diagonal().iter().all(|pivot| *pivot > 0.5))
-            .ok_or_else(|| ModalityError::Undefined("a measurement's information is not semidefinite".into()))?;
+            .ok_or_else(|| {
+                ModalityError::Undefined("a measurement's information is not semidefinite".into())
+            })?;
         let mut weight = self.root.tr_mul(gradient);
         // The pivots are positive by the line above, so this solve succeeds.
         factor.solve_lower_triangular_mut(&mut weight);
@@ -365,30 +379,65 @@ pub fn propose(
     let mut solution = gain.solve(&compressed.information, &compressed.gradient)?;
     let mut innovation = innovation_of(&compressed, &gain, &solution);
     if measurement.model.strongly_nonlinear() {
-        for _ in 1..max_iterations {
-            let moved = belief.moved_state(&solution.error);
-            let mut again = compress(&measurement.model.linearize(measurement, &moved)?, belief, &moved)?;
-            if again.columns != compressed.columns {
-                return Err(ModalityError::Undefined("a model changed its parts between iterations".into()));
-            }
-            again.seen_from_prior(&solution.error);
-            let next = gain.solve(&again.information, &again.gradient)?;
-            let change = change_in_sigmas(&(&next.error - &solution.error), &again.columns, &gain, &next.factor);
-            solution = next;
-            if matches!(again.evidence, Evidence::Information { .. }) {
-                innovation = innovation_of(&again, &gain, &solution);
-            }
-            // A hundredth of a standard deviation: below what the next reading can tell.
-            if change < 1e-2 {
-                break;
-            }
+        let last = iterate(belief, measurement, &compressed, &gain, &mut solution, max_iterations)?;
+        if let Some(last) = last.filter(|last| matches!(last.evidence, Evidence::Information { .. })) {
+            innovation = innovation_of(&last, &gain, &solution);
         }
     }
     let covariance = posterior(belief, &compressed.columns, &gain, &solution);
     Ok(Proposal { innovation, first, error: solution.error, covariance })
 }
 
+/// Gauss-Newton from the first solution on; steps that lead uphill are halved. The last linearization that was solved.
+fn iterate(
+    belief: &Belief,
+    measurement: &Measurement,
+    first: &Compressed,
+    gain: &Gain,
+    solution: &mut Solution,
+    max_iterations: u32,
+) -> Result<Option<Compressed>, ModalityError> {
+    let mut accepted = DVector::zeros(belief.dimension());
+    let mut accepted_cost = first.misfit();
+    let mut last = None;
+    for _ in 1..max_iterations {
+        let moved = belief.moved_state(&solution.error);
+        let mut again = compress(&measurement.model.linearize(measurement, &moved)?, belief, &moved)?;
+        if again.columns != first.columns {
+            return Err(ModalityError::Undefined("a model changed its parts between iterations".into()));
+        }
+        let start = gain.standardised(&solution.error, &again.columns);
+        let cost = again.misfit() + 0.5 * start.norm_squared();
+        // Differences below a billionth are rounding.
+        if cost.is_nan() || cost > accepted_cost + 1e-9 * (1.0 + accepted_cost.abs()) {
+            solution.error = (&accepted + &solution.error) * 0.5;
+            continue;
+        }
+        again.seen_from_prior(&solution.error);
+        let next = gain.solve(&again.information, &again.gradient)?;
+        let step = gain.standardised(&(&next.error - &solution.error), &again.columns);
+        // In posterior standard deviations: |Lᵀ C⁻¹ step|.
+        let change = next.factor.tr_mul(&step.transpose()).norm();
+        accepted = std::mem::replace(solution, next).error;
+        accepted_cost = cost;
+        last = Some(again);
+        // A hundredth of a standard deviation: below what the next reading can tell.
+        if change < 1e-2 {
+            break;
+        }
+    }
+    Ok(last)
+}
+
 impl Compressed {
+    /// Minus the log-likelihood at the state of the linearization, up to a constant of the measurement.
+    fn misfit(&self) -> f64 {
+        match &self.evidence {
+            Evidence::Residual { whitened, .. } => 0.5 * whitened.column(self.columns.len()).norm_squared(),
+            Evidence::Information { log_likelihood } => -log_likelihood,
+        }
+    }
+
     /// Turns a linearization at the state moved by `error` into one by the error itself: `b + A e` on the columns of e.
     fn seen_from_prior(&mut self, error: &DVector<f64>) {
         for at in &self.rotations {
@@ -432,13 +481,6 @@ impl Proposal {
             }
         }
     }
-}
-
-/// Distance between two iterations in posterior standard deviations: `|Lᵀ C⁻¹ d|`, d on the touched columns.
-fn change_in_sigmas(change: &DVector<f64>, columns: &[usize], gain: &Gain, factor: &DMatrix<f64>) -> f64 {
-    let mut touched = DMatrix::from_iterator(1, columns.len(), columns.iter().map(|c| change[*c]));
-    solve_right_transposed(&mut touched, &gain.root);
-    factor.tr_mul(&touched.transpose()).norm()
 }
 
 fn innovation_of(compressed: &Compressed, gain: &Gain, solution: &Solution) -> Innovation {

@@ -24,12 +24,12 @@ pub use lumenav_fields as fields;
 pub use lumenav_fusion as fusion;
 pub use lumenav_magnetic as magnetic;
 pub use lumenav_pipeline as pipeline;
-pub use lumenav_records as records;
-pub use lumenav_scenario as scenario;
 #[cfg(feature = "recording")]
 pub use lumenav_recording as recording;
+pub use lumenav_records as records;
 #[cfg(feature = "report")]
 pub use lumenav_report as report;
+pub use lumenav_scenario as scenario;
 
 mod replay;
 
@@ -99,4 +99,3 @@ pub fn check(file: &ScenarioFile, registry: &Registry) -> Result<(), lumenav_pip
     lumenav_pipeline::build::tracks(file, registry, stage.map.as_ref())?;
     Ok(())
 }
-

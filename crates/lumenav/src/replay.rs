@@ -1,6 +1,9 @@
 //! Replays: recorded data, and where there is one the reference trajectory to compare with.
 
-#![expect(clippy::disallowed_types, reason = "world side: a reference trajectory is compared with, never estimated from")]
+#![expect(
+    clippy::disallowed_types,
+    reason = "world side: a reference trajectory is compared with, never estimated from"
+)]
 
 use lumenav_core::config::quantity::Finite;
 use lumenav_core::pose::{exp_so3, interpolate};
@@ -64,7 +67,16 @@ impl ReferenceTrajectory {
 }
 
 fn read_csv(node: &Node, table: &TruthFileTable) -> Result<Vec<(SimTime, Isometry3<f64>)>, ScenarioError> {
-    let TruthFileTable::Csv { files, time_zero_s, reading, time_s, position_mm, rotation_vector_rad, axis, origin_mm } = table
+    let TruthFileTable::Csv {
+        files,
+        time_zero_s,
+        reading,
+        time_s,
+        position_mm,
+        rotation_vector_rad,
+        axis,
+        origin_mm,
+    } = table
     else {
         return Ok(Vec::new());
     };
@@ -151,7 +163,9 @@ pub fn open_replay(
     models: Option<&Path>,
 ) -> Result<(ScenarioFile, Option<ReferenceTrajectory>), ScenarioError> {
     let file = crate::open_scenario(path, overrides, models)?;
-    for (key, why) in [("tract", "a world"), ("motility", "a world"), ("engine", "a world"), ("fault", "faults")] {
+    for (key, why) in
+        [("tract", "a world"), ("motility", "a world"), ("engine", "a world"), ("fault", "faults")]
+    {
         if file.node.child(key).is_some() {
             return Err(file.node.error_at(key, &format!("a replay has no {why} to simulate")).into());
         }

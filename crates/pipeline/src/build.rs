@@ -23,6 +23,9 @@ fn modality<'r>(registry: &'r Registry, entry: &SensorEntry) -> Result<&'r Arc<d
     Ok(registry.get(&entry.modality, &entry.node)?)
 }
 
+/// A simulated sensor with its name.
+pub type NamedSensor = (Name, Box<dyn Sensor>);
+
 /// The simulated sensors of a scenario.
 ///
 /// # Errors
@@ -31,12 +34,13 @@ pub fn sensors(
     file: &ScenarioFile,
     registry: &Registry,
     map: Option<&Arc<dyn PathMap>>,
-) -> Result<Vec<(Name, Box<dyn Sensor>)>, RunError> {
+) -> Result<Vec<NamedSensor>, RunError> {
     file.sensors
         .iter()
         .map(|entry| {
             if !entry.files.keys().is_empty() {
-                let message = "recorded data belong into a replay (lumenav replay), not into a simulated scenario";
+                let message =
+                    "recorded data belong into a replay (lumenav replay), not into a simulated scenario";
                 return Err(entry.files.error(message).into());
             }
             let setup = setup(file, entry, map);
@@ -118,8 +122,7 @@ pub fn header(file: &ScenarioFile, seed: u64, trial: u64, has_truth: bool) -> Re
             front_ends: track.options.iter().map(front_end).collect(),
         });
     }
-    let sensor_header =
-        |s: &SensorEntry| SensorHeader { name: s.name.clone(), modality: s.modality.clone() };
+    let sensor_header = |s: &SensorEntry| SensorHeader { name: s.name.clone(), modality: s.modality.clone() };
     Ok(RunHeader {
         scenario: file.scenario.name.clone(),
         seed,

@@ -50,7 +50,8 @@ impl Faults {
                     stick(&mut reading, channels, self.stuck.entry(index).or_default());
                 }
                 Fault::Outliers { share, sigma, .. } => {
-                    let mut stream = random.for_component(&format!("fault-{index}")).stream("outlier", reading.sequence);
+                    let mut stream =
+                        random.for_component(&format!("fault-{index}")).stream("outlier", reading.sequence);
                     for values in columns_mut(&mut reading) {
                         for value in values.iter_mut() {
                             let hit = stream.random::<f64>() < share.0;

@@ -13,7 +13,7 @@ pub mod track;
 
 pub use error::RunError;
 pub use events::{
-    ObserverError, Refusal, RunEvent, RunHeader, RunObserver, SceneOwner, SensorHeader, TrackHeader, TrackUpdate,
-    UpdateError,
+    ObserverError, Refusal, RunEvent, RunHeader, RunObserver, SceneOwner, SensorHeader, TrackHeader,
+    TrackUpdate, UpdateError,
 };
 pub use run::{Observers, RunSummary, Stage, StopRequest, replay, simulate};

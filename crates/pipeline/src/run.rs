@@ -93,7 +93,11 @@ pub fn simulate(
     stop: StopRequest<'_>,
 ) -> Result<RunSummary, RunError> {
     let Some(duration_s) = file.scenario.duration_s else {
-        return Err(file.node.child_or_empty("scenario").error("`duration_s` is missing; give seconds above 0").into());
+        return Err(file
+            .node
+            .child_or_empty("scenario")
+            .error("`duration_s` is missing; give seconds above 0")
+            .into());
     };
     let header = build::header(file, seed, trial, true)?;
     let mut run = Simulation {
@@ -187,7 +191,7 @@ fn feed(
             source,
         })?;
         for step in steps {
-            tell_step(track, reading, step, truth_at, map, observers)?;
+            tell_step(track, reading, &step, truth_at, map, observers)?;
         }
         tell_scene(track, reading, observers)?;
     }
@@ -211,7 +215,7 @@ fn tell_scene(track: &Track, reading: &Reading, observers: &mut Observers<'_>) -
 fn tell_step(
     track: &mut Track,
     reading: &Reading,
-    step: Step,
+    step: &Step,
     truth_at: &dyn Fn(SimTime) -> Option<CapsuleTruth>,
     map: Option<&dyn PathMap>,
     observers: &mut Observers<'_>,
@@ -246,7 +250,10 @@ fn tell_step(
         update: track.updates,
         estimate,
         nis: step.nis,
-        weakest: (block.eigenvalues[largest].max(0.0).sqrt(), block.eigenvectors.column(largest).into_owned()),
+        weakest: (
+            block.eigenvalues[largest].max(0.0).sqrt(),
+            block.eigenvectors.column(largest).into_owned(),
+        ),
         started: step.started,
         truth: truth.as_ref(),
         error: error.as_ref(),
@@ -301,9 +308,12 @@ impl Simulation {
         let delay_s: f64 = file
             .faults
             .iter()
-            .map(|f| if let lumenav_scenario::Fault::Delay { delay_ms, .. } = f { delay_ms.0 * 1e-3 } else { 0.0 })
+            .map(|f| {
+                if let lumenav_scenario::Fault::Delay { delay_ms, .. } = f { delay_ms.0 * 1e-3 } else { 0.0 }
+            })
             .sum();
-        self.keep_ns = look_back + nanoseconds(latency_s.fold(0.0, f64::max) + delay_s) + NANOSECONDS_PER_SECOND;
+        self.keep_ns =
+            look_back + nanoseconds(latency_s.fold(0.0, f64::max) + delay_s) + NANOSECONDS_PER_SECOND;
     }
 
     fn go(&mut self, observers: &mut Observers<'_>, stop: StopRequest<'_>) -> Result<(), RunError> {

@@ -65,15 +65,13 @@ pub struct Track {
 /// # Errors
 /// [`ConfigError`] with file, line and key.
 pub fn read_filter(node: &Node) -> Result<FilterTable, ConfigError> {
-    #[derive(Deserialize)]
-    struct Kind {
-        kind: String,
-    }
-    if node.keys().is_empty() {
-        return Ok(FilterTable::Eskf(node.parse()?));
-    }
-    let kind: Kind = node.parse_quietly()?;
-    match kind.kind.as_str() {
+    let table = node.to_toml().unwrap_or_default();
+    let kind = match table.get("kind") {
+        None => "eskf",
+        Some(toml::Value::String(kind)) => kind.as_str(),
+        Some(_) => return Err(node.error_at("kind", "expected a name in quotes; allowed: none, eskf")),
+    };
+    match kind {
         "none" if node.keys().len() > 1 => Err(node.error("a track without a filter has no options of one")),
         "none" => Ok(FilterTable::None {}),
         "eskf" => Ok(FilterTable::Eskf(node.without("kind").parse()?)),
@@ -183,7 +181,15 @@ impl Step {
         lost: Option<String>,
         compute_s: f64,
     ) -> Self {
-        Self { estimate: None, measurement, nis: None, started: false, refusal: Some(refusal), lost, compute_s }
+        Self {
+            estimate: None,
+            measurement,
+            nis: None,
+            started: false,
+            refusal: Some(refusal),
+            lost,
+            compute_s,
+        }
     }
 
     /// A front end's own fix as the estimate of a track without a filter.

@@ -56,16 +56,10 @@ impl Table {
     /// [`ModalityError::File`] or [`ModalityError::Row`] with file and line.
     pub fn open(path: &Path) -> Result<Self, ModalityError> {
         let file = path.display().to_string();
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .from_reader(open(path)?);
-        let headers = reader
-            .headers()
-            .map_err(|error| row_error(&file, &error))?
-            .iter()
-            .map(str::to_owned)
-            .collect();
+        let mut reader =
+            csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(open(path)?);
+        let headers =
+            reader.headers().map_err(|error| row_error(&file, &error))?.iter().map(str::to_owned).collect();
         Ok(Self { file, reader, headers, record: csv::StringRecord::new() })
     }
 
@@ -97,16 +91,19 @@ impl Table {
     /// [`ModalityError::Row`] for a row with another number of cells than the header, or text that is not UTF-8.
     pub fn next_row(&mut self) -> Option<Result<Row<'_>, ModalityError>> {
         match self.reader.read_record(&mut self.record) {
-            Ok(true) => {
-                Some(Ok(Row { file: &self.file, headers: &self.headers, record: &self.record }))
-            }
+            Ok(true) => Some(Ok(Row { file: &self.file, headers: &self.headers, record: &self.record })),
             Ok(false) => None,
             Err(error) => Some(Err(row_error(&self.file, &error))),
         }
     }
 }
 
+/// A bad row, or a file that cannot be read on (a packed file cut short): the latter is no row that could be skipped.
 fn row_error(file: &str, error: &csv::Error) -> ModalityError {
+    if let csv::ErrorKind::Io(source) = error.kind() {
+        let source = std::io::Error::new(source.kind(), source.to_string());
+        return ModalityError::File { file: file.to_owned(), source };
+    }
     let line = error.position().map_or(1, csv::Position::line);
     let message = match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
@@ -134,7 +131,8 @@ impl Row<'_> {
     /// # Errors
     /// [`ModalityError::Row`] with file, line and column.
     pub fn number(&self, column: usize) -> Result<f64, ModalityError> {
-        self.optional(column)?.ok_or_else(|| self.error(&format!("column `{}` is empty", self.headers[column])))
+        self.optional(column)?
+            .ok_or_else(|| self.error(&format!("column `{}` is empty", self.headers[column])))
     }
 
     /// A finite number, or `None` for an empty cell (a lost reading).

@@ -15,7 +15,8 @@ pub fn read(path: &Path) -> Result<Vec<(SimTime, Isometry3<f64>)>, ModalityError
     let mut poses: Vec<(SimTime, Isometry3<f64>)> = Vec::new();
     for (index, line) in BufReader::new(open(path)?).lines().enumerate() {
         let line = line.map_err(|source| ModalityError::File { file: file.clone(), source })?;
-        let refuse = |message: String| ModalityError::Row { file: file.clone(), line: index as u64 + 1, message };
+        let refuse =
+            |message: String| ModalityError::Row { file: file.clone(), line: index as u64 + 1, message };
         let text = line.split('#').next().unwrap_or_default().trim();
         if text.is_empty() {
             continue;

@@ -43,10 +43,7 @@ pub struct EngineWorld {
 ///
 /// # Errors
 /// [`ConfigError`] with file, line and key.
-pub fn read_tract(
-    file: &ScenarioFile,
-    table: &TractTable,
-) -> Result<(Arc<Tract>, Vec<String>), ConfigError> {
+pub fn read_tract(file: &ScenarioFile, table: &TractTable) -> Result<(Arc<Tract>, Vec<String>), ConfigError> {
     let node = file.node.child_or_empty("tract");
     let mut segments = Vec::new();
     for name in &table.segments {
@@ -56,11 +53,8 @@ pub fn read_tract(
         })?;
         segments.push(key);
     }
-    let options = TractOptions {
-        segments,
-        length_scale: table.length_scale.0,
-        radius_scale: table.radius_scale.0,
-    };
+    let options =
+        TractOptions { segments, length_scale: table.length_scale.0, radius_scale: table.radius_scale.0 };
     let model = file.models.open("tracts", &table.model, &node, "model")?;
     let (tract, report) = tract_file::load(&model, &options)?;
     Ok((Arc::new(tract), report.warnings))
@@ -230,15 +224,13 @@ impl World for EngineWorld {
 }
 
 /// Colours of the segments, in turn (Tol's light scheme: told apart by colour-blind readers).
-const SEGMENT_RGBA: [u32; 6] =
-    [0xEE88_6640, 0x77AA_DD40, 0xEEDD_8840, 0xFFAA_BB40, 0x99DD_FF40, 0x44BB_9940];
+const SEGMENT_RGBA: [u32; 6] = [0xEE88_6640, 0x77AA_DD40, 0xEEDD_8840, 0xFFAA_BB40, 0x99DD_FF40, 0x44BB_9940];
 
 /// Resting lumen and centre line.
 pub fn draw_tract(tract: &Tract, out: &mut Vec<Primitive>) {
     let rings = (tract.length_m() / DRAWN_RING_M).ceil() as usize + 1;
     let mesh = tube_mesh(tract, rings, DRAWN_SIDES, |s, _| tract.radius.radius_m(s));
-    let colour =
-        |s: &f32| SEGMENT_RGBA[tract.segment_index_at(f64::from(*s)) % SEGMENT_RGBA.len()];
+    let colour = |s: &f32| SEGMENT_RGBA[tract.segment_index_at(f64::from(*s)) % SEGMENT_RGBA.len()];
     out.push(Primitive::Mesh {
         path: "tract/lumen".into(),
         rgba: mesh.arc_length_m.iter().map(colour).collect(),

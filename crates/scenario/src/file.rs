@@ -320,7 +320,8 @@ impl ScenarioFile {
         let scenario: ScenarioTable = node.child_or_empty("scenario").parse()?;
         check_name(&scenario.name, &node.child_or_empty("scenario"))?;
         let capsule: CapsuleTable = node.child_or_empty("capsule").parse()?;
-        let capsule_model = models.open("capsules", &capsule.model, &node.child_or_empty("capsule"), "model")?;
+        let capsule_model =
+            models.open("capsules", &capsule.model, &node.child_or_empty("capsule"), "model")?;
         let shape: CapsuleModelTable = capsule_model.child_or_empty("capsule").parse()?;
         if shape.length_mm.0 < shape.diameter_mm.0 {
             let message = "a capsule is at least as long as it is wide";
@@ -336,7 +337,19 @@ impl ScenarioFile {
         let tracks = read_tracks(&node, &sensors)?;
         let faults = read_faults(&node, &sensors)?;
         let record = node.child_or_empty("record").parse()?;
-        Ok(Self { scenario, capsule, body, capsule_model, tract, sensors, tracks, faults, record, models, node })
+        Ok(Self {
+            scenario,
+            capsule,
+            body,
+            capsule_model,
+            tract,
+            sensors,
+            tracks,
+            faults,
+            record,
+            models,
+            node,
+        })
     }
 }
 
@@ -344,7 +357,8 @@ impl ScenarioFile {
 fn check_name(name: &str, node: &Node) -> Result<(), ConfigError> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     if name.is_empty() || name.len() > 80 || name.starts_with('.') || !name.chars().all(allowed) {
-        let message = format!("`{name}` is not allowed as a name; use 1 to 80 of A-Z a-z 0-9 - _ . (no leading dot)");
+        let message =
+            format!("`{name}` is not allowed as a name; use 1 to 80 of A-Z a-z 0-9 - _ . (no leading dot)");
         return Err(node.error_at("name", &message));
     }
     Ok(())
@@ -352,7 +366,11 @@ fn check_name(name: &str, node: &Node) -> Result<(), ConfigError> {
 
 fn check_unique(seen: &mut BTreeSet<String>, name: &str, node: &Node) -> Result<(), ConfigError> {
     check_name(name, node)?;
-    if seen.insert(name.to_owned()) { Ok(()) } else { Err(node.error_at("name", "this name is taken already")) }
+    if seen.insert(name.to_owned()) {
+        Ok(())
+    } else {
+        Err(node.error_at("name", "this name is taken already"))
+    }
 }
 
 fn read_sensors(node: &Node) -> Result<Vec<SensorEntry>, ConfigError> {
@@ -395,7 +413,8 @@ fn read_tracks(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<TrackEntry>, 
         }
         let options = entry.child_or_empty("sensor");
         if let Some(other) = options.keys().into_iter().find(|k| !table.sensors.contains(k)) {
-            let message = format!("this track does not use a sensor `{other}`; it uses: {}", table.sensors.join(", "));
+            let message =
+                format!("this track does not use a sensor `{other}`; it uses: {}", table.sensors.join(", "));
             return Err(options.error_at(&other, &message));
         }
         tracks.push(TrackEntry {
@@ -421,7 +440,9 @@ fn read_faults(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<Fault>, Confi
             return Err(entry.error_at("sensor", &message));
         }
         if end <= start {
-            return Err(entry.error_at("end_s", &format!("the fault ends at {end} s, before it starts at {start} s")));
+            return Err(
+                entry.error_at("end_s", &format!("the fault ends at {end} s, before it starts at {start} s"))
+            );
         }
         faults.push(fault);
     }

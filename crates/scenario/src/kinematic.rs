@@ -112,13 +112,14 @@ impl Path for Helix {
             Self::HALF_HEIGHT_M * (2.0 * progress - 1.0),
         );
         let around = std::f64::consts::PI * Self::RADIUS_M;
-        let tangent =
-            Vector3::new(around * sine, around * cosine, 2.0 * Self::HALF_HEIGHT_M).normalize();
+        let tangent = Vector3::new(around * sine, around * cosine, 2.0 * Self::HALF_HEIGHT_M).normalize();
         Isometry3::from_parts(Translation3::from(position), attitude_from_axis(&tangent))
     }
 
     fn outline(&self) -> Vec<Vector3<f64>> {
-        (0..=90).map(|i| self.pose(f64::from(i) / 90.0 * 36.0 / self.speed_factor).translation.vector).collect()
+        (0..=90)
+            .map(|i| self.pose(f64::from(i) / 90.0 * 36.0 / self.speed_factor).translation.vector)
+            .collect()
     }
 }
 
@@ -220,8 +221,7 @@ impl World for PathWorld {
     }
 
     fn static_scene(&self, out: &mut Vec<Primitive>) {
-        let strip =
-            self.path.outline().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
+        let strip = self.path.outline().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
         out.push(Primitive::Lines {
             path: "planned_path".into(),
             strips_world_m: vec![strip],
@@ -323,7 +323,11 @@ fn vector_m(mm: &[Finite; 3]) -> Vector3<f64> {
 ///
 /// # Errors
 /// [`ScenarioError`] with file, line and key.
-pub fn build(table: &TruthTable, node: &Node, streams: &RandomStreams) -> Result<Box<dyn World>, ScenarioError> {
+pub fn build(
+    table: &TruthTable,
+    node: &Node,
+    streams: &RandomStreams,
+) -> Result<Box<dyn World>, ScenarioError> {
     let path: Box<dyn Path> = match table {
         TruthTable::Helix { speed_factor } => Box::new(Helix { speed_factor: speed_factor.0 }),
         TruthTable::Line { from_mm, to_mm, speed_mm_s } => {
@@ -430,5 +434,4 @@ mod tests {
         // Standard error of a variance of 3 n draws: sqrt(2 / 3n) = 1.3 %.
         assert!((sum / n as f64 / step.noise_pp - 1.0).abs() < 0.05);
     }
-
 }

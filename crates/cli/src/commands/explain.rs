@@ -6,7 +6,9 @@
 
 use crate::args::ExplainOptions;
 use anyhow::{Context as _, bail};
-use lumenav::report::{Logged, LoggedEvent, Metrics, TrackMetrics, TrackRow, read_events, read_json, read_tracks};
+use lumenav::report::{
+    Logged, LoggedEvent, Metrics, TrackMetrics, TrackRow, read_events, read_json, read_tracks,
+};
 use std::collections::BTreeMap;
 
 /// A gap is this many times the usual period, and at least [`MIN_GAP_S`].
@@ -204,7 +206,8 @@ struct Burst {
 fn bursts(track: &str, events: &[LoggedEvent]) -> Vec<Burst> {
     let mut all: Vec<Burst> = Vec::new();
     for event in events {
-        let Logged::Refused { track: of, reason, text, chi_square, dof, threshold, worst, .. } = &event.what else {
+        let Logged::Refused { track: of, reason, text, chi_square, dof, threshold, worst, .. } = &event.what
+        else {
             continue;
         };
         if of != track {
@@ -250,13 +253,13 @@ impl Burst {
             reasons.join("; ")
         );
         if let Some((chi_square, dof, threshold)) = self.largest {
-            line.push_str(&format!("; chi-square up to {chi_square:.0} for {dof:.0} dof (gate {threshold:.0})"));
+            line = format!("{line}; chi-square up to {chi_square:.0} for {dof:.0} dof (gate {threshold:.0})");
         }
         let mut channels: Vec<(&String, &u64)> = self.channels.iter().collect();
         channels.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
         if !channels.is_empty() {
             let names: Vec<&str> = channels.iter().take(4).map(|(name, _)| name.as_str()).collect();
-            line.push_str(&format!("; loudest channels: {}", names.join(", ")));
+            line = format!("{line}; loudest channels: {}", names.join(", "));
         }
         line
     }

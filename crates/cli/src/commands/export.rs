@@ -21,7 +21,8 @@ pub fn export(options: &ExportOptions) -> anyhow::Result<()> {
         }
         tracks.retain(|name, _| name == wanted);
     }
-    std::fs::create_dir_all(&options.out).with_context(|| format!("cannot create {}", options.out.display()))?;
+    std::fs::create_dir_all(&options.out)
+        .with_context(|| format!("cannot create {}", options.out.display()))?;
     if options.format == ExportFormat::Parquet {
         let source = options.run.join("tracks.parquet");
         std::fs::copy(&source, target("tracks", "parquet", options)?)
@@ -71,4 +72,3 @@ fn write_track(name: &str, rows: &[TrackRow], options: &ExportOptions) -> anyhow
     }
     Ok(())
 }
-

@@ -93,13 +93,20 @@ pub fn plugins(options: &PluginsOptions) -> anyhow::Result<()> {
     if options.json {
         let all: Vec<_> = registry
             .modalities()
-            .map(|m| serde_json::json!({ "kind": m.kind(), "about": m.about(), "front_ends": m.front_ends() }))
+            .map(
+                |m| serde_json::json!({ "kind": m.kind(), "about": m.about(), "front_ends": m.front_ends() }),
+            )
             .collect();
         println!("{}", serde_json::to_string_pretty(&all)?);
         return Ok(());
     }
     for modality in registry.modalities() {
-        println!("{}  {} (front ends: {})", modality.kind(), modality.about(), modality.front_ends().join(", "));
+        println!(
+            "{}  {} (front ends: {})",
+            modality.kind(),
+            modality.about(),
+            modality.front_ends().join(", ")
+        );
     }
     Ok(())
 }

@@ -36,7 +36,9 @@ pub fn replay(options: &ReplayOptions, verbosity: Verbosity) -> anyhow::Result<(
     all.extend(recorder.iter_mut().map(|r| r as &mut dyn RunObserver));
     all.push(&mut progress);
     let truth = reference.as_ref().map(|r| r as _);
-    replay_run(&file, &default_registry(), truth, &mut Observers::new(all), &|| stop.load(Ordering::Relaxed))?;
+    replay_run(&file, &default_registry(), truth, &mut Observers::new(all), &|| {
+        stop.load(Ordering::Relaxed)
+    })?;
     let metrics = writer.metrics().cloned().context("the replay left no metrics")?;
     let folder = writer.commit()?;
     print_result(&folder, &metrics, options.json, verbosity)

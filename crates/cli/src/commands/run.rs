@@ -65,7 +65,12 @@ pub fn refuse_existing(out: &Path, force: bool) -> anyhow::Result<()> {
 }
 
 /// Prints the table (or JSON) and what was written where.
-pub fn print_result(folder: &Path, metrics: &Metrics, json: bool, verbosity: Verbosity) -> anyhow::Result<()> {
+pub fn print_result(
+    folder: &Path,
+    metrics: &Metrics,
+    json: bool,
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
     if json {
         println!("{}", serde_json::to_string_pretty(metrics)?);
         return Ok(());
@@ -183,7 +188,12 @@ fn run_trials(
         println!("{}", serde_json::to_string_pretty(&metrics)?);
     } else if verbosity == Verbosity::Normal {
         println!("{}", table::of_trials(&metrics));
-        println!("seed {seed}, trials 0 to {}; {} failed; wrote {}", options.trials - 1, failures.len(), out.display());
+        println!(
+            "seed {seed}, trials 0 to {}; {} failed; wrote {}",
+            options.trials - 1,
+            failures.len(),
+            out.display()
+        );
     }
     match failures.into_iter().next() {
         Some(first) => Err(first),

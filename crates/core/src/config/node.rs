@@ -107,12 +107,8 @@ impl Node {
     /// As [`Node::open`], or where an override does not apply.
     pub fn open_with(path: &Path, overrides: &[String]) -> Result<Self, ConfigError> {
         let file = path.display().to_string();
-        let refuse = |message: String| ConfigError {
-            file: file.clone(),
-            position: None,
-            key: String::new(),
-            message,
-        };
+        let refuse =
+            |message: String| ConfigError { file: file.clone(), position: None, key: String::new(), message };
         let size = std::fs::metadata(path).map_err(|e| refuse(format!("cannot be read: {e}")))?.len();
         if size > MAX_FILE_BYTES {
             return Err(refuse(format!("{size} bytes is too large for a TOML file (16 MiB at most)")));
@@ -213,15 +209,14 @@ impl Node {
     /// # Errors
     /// [`ConfigError`] at the key: the variable is not set, or nothing exists there.
     pub fn existing_path(&self, key: &str, name: &str) -> Result<PathBuf, ConfigError> {
-        let path = match name.strip_prefix("$LUMENAV_DATA/") {
-            Some(rest) => match std::env::var_os("LUMENAV_DATA") {
-                Some(folder) => PathBuf::from(folder).join(rest),
-                None => {
-                    let message = "LUMENAV_DATA is not set; it names the folder of recorded data";
-                    return Err(self.error_at(key, message));
-                }
-            },
-            None => self.folder_of(key).join(name),
+        let path = if let Some(rest) = name.strip_prefix("$LUMENAV_DATA/") {
+            let Some(folder) = std::env::var_os("LUMENAV_DATA") else {
+                let message = "LUMENAV_DATA is not set; it names the folder of recorded data";
+                return Err(self.error_at(key, message));
+            };
+            PathBuf::from(folder).join(rest)
+        } else {
+            self.folder_of(key).join(name)
         };
         if path.exists() {
             Ok(path)
@@ -363,9 +358,7 @@ impl Node {
         let message = message.to_owned();
         let set = self.source.overrides.iter().rev().find(|(start, _)| *start <= offset);
         match set {
-            Some((_, text)) => {
-                ConfigError { file: format!("--set {text}"), position: None, key, message }
-            }
+            Some((_, text)) => ConfigError { file: format!("--set {text}"), position: None, key, message },
             None => ConfigError {
                 file: self.source.file.clone(),
                 position: Some(line_and_column(&self.source.text, offset)),

@@ -40,10 +40,7 @@ impl<'a> Override<'a> {
     pub fn apply(self, root: &mut Spanned<Value<'a>>, base: usize) -> Result<(), ConfigError> {
         let span = self.value.span();
         let value = respan(self.value.into_inner(), base + span.start..base + span.end);
-        let (last, path) = match self.keys.split_last() {
-            Some(split) => split,
-            None => return Ok(()),
-        };
+        let Some((last, path)) = self.keys.split_last() else { return Ok(()) };
         let mut place = root;
         for key in path {
             place = descend(place, key).map_err(|message| ConfigError {
@@ -105,7 +102,9 @@ fn descend<'p, 'a>(
         Value::Array(items) => {
             let names: Vec<String> = items
                 .iter()
-                .map(|item| item.get_ref().get("name").and_then(|n| n.get_ref().as_str()).unwrap_or("").to_owned())
+                .map(|item| {
+                    item.get_ref().get("name").and_then(|n| n.get_ref().as_str()).unwrap_or("").to_owned()
+                })
                 .collect();
             let index = names.iter().position(|n| n == key).or_else(|| key.parse().ok());
             match index.filter(|i| *i < names.len()) {

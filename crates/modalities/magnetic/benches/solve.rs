@@ -26,7 +26,8 @@ const POSES: usize = 64;
 
 fn array() -> SensorArray {
     let place = |i: usize| f64::from(i as u32) / 3.0 * 0.5 - 0.25;
-    let positions: Vec<Vector3<f64>> = (0..16).map(|i| Vector3::new(place(i % 4), place(i / 4), 0.0)).collect();
+    let positions: Vec<Vector3<f64>> =
+        (0..16).map(|i| Vector3::new(place(i % 4), place(i / 4), 0.0)).collect();
     SensorArray::of_triads("plane-4x4", &positions, SIGMA_TESLA)
 }
 
@@ -41,7 +42,15 @@ fn dipole() -> FieldSource {
 
 /// A low-discrepancy number (additive recurrence): the same poses in the Python script.
 fn spread(index: usize, dimension: usize) -> f64 {
-    const STEPS: [f64; 7] = [0.618033988749895, 0.754877666246693, 0.819172513396164, 0.8566748838545029, 0.8812714616335696, 0.8986537126286993, 0.9115923534820549];
+    const STEPS: [f64; 7] = [
+        0.618033988749895,
+        0.754877666246693,
+        0.819172513396164,
+        0.8566748838545029,
+        0.8812714616335696,
+        0.8986537126286993,
+        0.9115923534820549,
+    ];
     (0.5 + STEPS[dimension] * (index + 1) as f64).fract()
 }
 
@@ -83,8 +92,13 @@ fn cases(channels: &Channels, source: &FieldSource) -> Vec<Case> {
 
 fn run(bencher: Bencher<'_, '_>, source: FieldSource, starts: impl Fn(&Case) -> Vec<MagnetPose>) {
     let channels = array().channels(&Isometry3::identity());
-    let cases: Vec<(Case, Vec<MagnetPose>)> =
-        cases(&channels, &source).into_iter().map(|c| { let s = starts(&c); (c, s) }).collect();
+    let cases: Vec<(Case, Vec<MagnetPose>)> = cases(&channels, &source)
+        .into_iter()
+        .map(|c| {
+            let s = starts(&c);
+            (c, s)
+        })
+        .collect();
     let (valid, variance) = (vec![true; 48], vec![SIGMA_TESLA.powi(2); 48]);
     let mut workspace = Workspace::default();
     bencher.counter(POSES).bench_local(|| {
@@ -95,7 +109,8 @@ fn run(bencher: Bencher<'_, '_>, source: FieldSource, starts: impl Fn(&Case) -> 
                 [one] => Some(solve(&channels, &source, readings, one, &mut workspace)),
                 all => solve_from_all(&channels, &source, readings, all, &mut workspace).map(|s| s.best),
             };
-            let error = found.map_or(f64::INFINITY, |s| (s.magnet.position_world_m - case.truth.position_world_m).norm());
+            let error = found
+                .map_or(f64::INFINITY, |s| (s.magnet.position_world_m - case.truth.position_world_m).norm());
             worst = worst.max(error);
         }
         // The farthest pose has a bound of 6 mm: a wrong basin would show.
@@ -152,7 +167,11 @@ fn linearize(bencher: Bencher<'_, '_>, source: FieldSource) {
         value: Arc::new(frame),
         model: model.clone(),
         prior_use: PriorUse::None,
-        fix: Some(PoseEstimate { world_from_capsule: pose, covariance: Matrix6::zeros(), kind: FixKind::Pointing }),
+        fix: Some(PoseEstimate {
+            world_from_capsule: pose,
+            covariance: Matrix6::zeros(),
+            kind: FixKind::Pointing,
+        }),
     };
     let state = NominalState::at_rest(pose);
     assert!(lumenav_core::StateView::world_from_capsule(&state, Instant::Now).is_some());

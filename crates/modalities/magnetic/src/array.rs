@@ -232,7 +232,8 @@ impl Places<'_> {
                 distance < SAME_PLACE_M && (a.axes == Axes::Xyz || b.axes == Axes::Xyz)
             });
             if let Some(j) = twin {
-                let message = format!("sensors {j} and {i} stand at the same place; say why in `array.description`");
+                let message =
+                    format!("sensors {j} and {i} stand at the same place; say why in `array.description`");
                 return Err(self.entries[i].error(self.file, None, &message));
             }
         }
@@ -270,7 +271,9 @@ impl SensorArray {
         let mut places = Places { file: node, axes: table.axes, sensors: Vec::new(), entries: Vec::new() };
         file.place(&mut places)?;
         if places.sensors.is_empty() {
-            return Err(node.error("the array has no sensors; give [[sensor]], [[plane]], [[line]] or [[ring]]"));
+            return Err(
+                node.error("the array has no sensors; give [[sensor]], [[plane]], [[line]] or [[ring]]")
+            );
         }
         if table.description.is_empty() {
             places.refuse_twins()?;
@@ -312,7 +315,8 @@ impl SensorArray {
 
     /// Sensor and axis (0 to 2) of every channel.
     pub fn channel_axes(&self) -> Vec<(usize, usize)> {
-        let of_sensor = |(i, sensor): (usize, &Magnetometer)| sensor.axes.indices().iter().map(move |axis| (i, *axis));
+        let of_sensor =
+            |(i, sensor): (usize, &Magnetometer)| sensor.axes.indices().iter().map(move |axis| (i, *axis));
         self.sensors.iter().enumerate().flat_map(of_sensor).collect()
     }
 
@@ -345,7 +349,11 @@ impl SensorArray {
 
     /// Where a cold start looks, in the world: the file's own places, else the centroid of the sensors, moved off a flat
     /// array along its normal by 0.4 times its extent (0.2 m for the reference grid of 0.5 m) to both sides.
-    pub fn start_positions_m(&self, channels: &Channels, world_from_array: &Isometry3<f64>) -> Vec<Vector3<f64>> {
+    pub fn start_positions_m(
+        &self,
+        channels: &Channels,
+        world_from_array: &Isometry3<f64>,
+    ) -> Vec<Vector3<f64>> {
         if !self.starts_m.is_empty() {
             return self.starts_m.iter().map(|p| (world_from_array * Point3::from(*p)).coords).collect();
         }

@@ -12,11 +12,13 @@ use crate::array::SensorArray;
 use crate::channels::{Channels, MagnetPose};
 use crate::config::{Installed, OptionsTable};
 use crate::model::{FixOfFlux, FluxModel};
-use crate::solver::{FREEDOM, Matrix5, Readings, Search, Solution, Workspace, covariance_growth, solve, solve_each};
+use crate::solver::{
+    FREEDOM, Matrix5, Readings, Search, Solution, Workspace, covariance_growth, solve, solve_each,
+};
 use lumenav_core::pose::{attitude_from_axis, skew, tangent_basis};
 use lumenav_core::{
-    FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior,
-    PriorUse, Reading,
+    FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate,
+    PosePrior, PriorUse, Reading,
 };
 use lumenav_fields::FieldSource;
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Translation3, Vector3};
@@ -106,7 +108,9 @@ impl MagneticFrontEnd {
     /// Whether a body-worn array's place is missing from a reading: the installed places are then not where the sensors are.
     fn place_is_missing(&self, reading: &Reading) -> bool {
         let told = |name: String| reading.known_poses.contains_key(&name);
-        self.worn && !told("array".to_owned()) && !(0..self.array.sensors.len()).all(|i| told(format!("s{i}")))
+        self.worn
+            && !told("array".to_owned())
+            && !(0..self.array.sensors.len()).all(|i| told(format!("s{i}")))
     }
 
     /// χ² that this many degrees of freedom exceed once in a million.
@@ -158,7 +162,9 @@ impl MagneticFrontEnd {
         }
         let reduced = best.reduced_chi_square();
         if reduced > self.max_reduced_chi_square {
-            return Some(format!("the readings do not fit a magnet: chi-square per degree of freedom {reduced:.1}"));
+            return Some(format!(
+                "the readings do not fit a magnet: chi-square per degree of freedom {reduced:.1}"
+            ));
         }
         if without_magnet(readings) - best.chi_square < self.chi_square_limit(FREEDOM) * reduced.max(1.0) {
             return Some("the readings are explained by noise alone: no magnet in reach".to_owned());
@@ -167,13 +173,19 @@ impl MagneticFrontEnd {
             let apart_m = (rival.magnet.position_world_m - best.magnet.position_world_m).norm();
             return Some(format!("two poses {apart_m:.3} m apart explain the readings"));
         }
-        (nearest_sensor_m(best, channels) < INSIDE_SENSOR_M).then(|| "the solution lies inside a sensor".to_owned())
+        (nearest_sensor_m(best, channels) < INSIDE_SENSOR_M)
+            .then(|| "the solution lies inside a sensor".to_owned())
     }
 
     /// Covariance of `[δp_magnet, t₁, t₂]`: the inverse information, larger where the readings scatter more than the noise
     /// that is assumed or where the information falls within the covariance's own extent. `None` where no covariance
     /// describes the error.
-    fn covariance(&mut self, best: &Solution, readings: Readings<'_>, channels: &Channels) -> Option<Matrix5> {
+    fn covariance(
+        &mut self,
+        best: &Solution,
+        readings: Readings<'_>,
+        channels: &Channels,
+    ) -> Option<Matrix5> {
         let mut covariance = best.information.cholesky()?.inverse();
         if !self.explains(best) {
             covariance *= best.reduced_chi_square().max(1.0);
@@ -212,7 +224,8 @@ impl MagneticFrontEnd {
             to_error.fixed_view_mut::<3, 1>(0, column).copy_from(&(lever * turn));
         }
         let mut full: Matrix6<f64> = to_error * covariance * to_error.transpose();
-        let circle = (Matrix3::identity() - axis * axis.transpose()) * (0.5 * self.offset_capsule_m.yz().norm_squared());
+        let circle = (Matrix3::identity() - axis * axis.transpose())
+            * (0.5 * self.offset_capsule_m.yz().norm_squared());
         let mut position_block = full.fixed_view_mut::<3, 3>(0, 0);
         position_block += circle;
         let position = solution.magnet.position_world_m - rotation * lever_capsule_m;
@@ -223,7 +236,13 @@ impl MagneticFrontEnd {
         }
     }
 
-    fn measured(&self, reading: &Reading, model: FluxModel, fix: Option<PoseEstimate>, warm: bool) -> Outcome {
+    fn measured(
+        &self,
+        reading: &Reading,
+        model: FluxModel,
+        fix: Option<PoseEstimate>,
+        warm: bool,
+    ) -> Outcome {
         let payload = Arc::new(reading.payload.clone());
         let (value, model): (Arc<Frame>, Arc<dyn MeasurementModel>) = match (self.output, &fix) {
             (Output::Pose, Some(fix)) => {
@@ -300,7 +319,8 @@ impl FrontEnd for MagneticFrontEnd {
         }
         let flux = reading.payload.f64("flux_tesla")?;
         if flux.len() != model.channels.len() {
-            let message = format!("{} channels, the installed array has {}", flux.len(), model.channels.len());
+            let message =
+                format!("{} channels, the installed array has {}", flux.len(), model.channels.len());
             return Err(ModalityError::Reading(message));
         }
         let valid = reading.payload.valid();
@@ -309,7 +329,10 @@ impl FrontEnd for MagneticFrontEnd {
             return Ok(self.measured(&reading, model, None, true));
         }
         if count <= FREEDOM {
-            let why = format!("{count} valid channels; a pose of {FREEDOM} degrees of freedom needs {} at least", FREEDOM + 1);
+            let why = format!(
+                "{count} valid channels; a pose of {FREEDOM} degrees of freedom needs {} at least",
+                FREEDOM + 1
+            );
             return Ok(refused(&why));
         }
         let variance: Vec<f64> = flux.iter().map(|z| model.variance(*z)).collect();
@@ -337,7 +360,10 @@ fn refused(why: &str) -> Outcome {
 fn mask_saturated(reading: &mut Reading, limit_tesla: f64) -> Result<(), ModalityError> {
     let flux = reading.payload.f64("flux_tesla")?;
     // The comparison leaves room for rounding in a file's decimals.
-    let beyond: Vec<usize> = (0..flux.len()).filter(|k| flux[*k].abs() >= limit_tesla * (1.0 - 1e-9)).collect();
-    beyond.into_iter().for_each(|k| reading.payload.mask_row(k));
+    let beyond: Vec<usize> =
+        (0..flux.len()).filter(|k| flux[*k].abs() >= limit_tesla * (1.0 - 1e-9)).collect();
+    for k in beyond {
+        reading.payload.mask_row(k);
+    }
     Ok(())
 }

@@ -44,7 +44,12 @@ impl Modality for Magnetic {
         &["pose", "flux"]
     }
 
-    fn sensor(&self, installed: &Node, reality: &Node, setup: &Setup) -> Result<Box<dyn Sensor>, ModalityError> {
+    fn sensor(
+        &self,
+        installed: &Node,
+        reality: &Node,
+        setup: &Setup,
+    ) -> Result<Box<dyn Sensor>, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
         let table: RealityTable = reality.parse()?;
         if table.strength_error.0 <= -1.0 {

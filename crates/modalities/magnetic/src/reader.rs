@@ -135,25 +135,24 @@ pub fn open_counted(
         sequence: 0,
         last: None,
     };
-    let stream: ReadingStream = match &files.columns {
-        Some(columns) => {
-            if files.poses_csv.is_some() {
-                let message = "the long layout has the poses in its own rows";
-                return Err(node.error_at("poses_csv", message).into());
-            }
-            if columns.time_s.is_none() && columns.period_s.is_none() {
-                return Err(node.error_at("columns", "give `time_s` or `period_s`").into());
-            }
-            Box::new(long::LongReader::new(table, columns, &files, calibration, output)?)
+    let stream: ReadingStream = if let Some(columns) = &files.columns {
+        if files.poses_csv.is_some() {
+            let message = "the long layout has the poses in its own rows";
+            return Err(node.error_at("poses_csv", message).into());
         }
-        None => {
-            let sensors = installed.array.sensors.len();
-            let poses = match &files.poses_csv {
-                Some(name) => Some(wide::PoseTable::open(&node.existing_path("poses_csv", name)?, sensors)?),
-                None => None,
-            };
-            Box::new(wide::WideReader::new(table, &installed.array.labels(), poses, &files, calibration, output)?)
+        if columns.time_s.is_none() && columns.period_s.is_none() {
+            return Err(node.error_at("columns", "give `time_s` or `period_s`").into());
         }
+        Box::new(long::LongReader::new(table, columns, &files, calibration, output)?)
+    } else {
+        let poses = match &files.poses_csv {
+            Some(name) => {
+                let path = node.existing_path("poses_csv", name)?;
+                Some(wide::PoseTable::open(&path, installed.array.sensors.len())?)
+            }
+            None => None,
+        };
+        Box::new(wide::WideReader::new(table, &installed.array.labels(), poses, &files, calibration, output)?)
     };
     Ok((stream, count))
 }
@@ -175,7 +174,7 @@ impl Output {
     /// The time of the next reading; it must be later than the last one's.
     fn advance(&mut self, time_s: f64) -> Result<SimTime, String> {
         if time_s.abs() > MAX_TIME_S {
-            return Err(format!("time {time_s} s is out of range"));
+            return Err(format!("time {time_s:e} s is out of range"));
         }
         let at = SimTime::from_seconds(time_s);
         if self.last.is_some_and(|last| at <= last) {

@@ -50,7 +50,9 @@ impl MagneticSensor {
         let mut source = installed.magnet.source(reality.law);
         let factor = 1.0 + reality.strength_error.0;
         source = match source {
-            FieldSource::Dipole { strength_t_m3 } => FieldSource::Dipole { strength_t_m3: strength_t_m3 * factor },
+            FieldSource::Dipole { strength_t_m3 } => {
+                FieldSource::Dipole { strength_t_m3: strength_t_m3 * factor }
+            }
             FieldSource::Cylinder(c) => {
                 // A strength error of -100 % or less leaves no magnet; the config's reader refuses it.
                 lumenav_fields::Cylinder::new(c.radius_m(), c.half_length_m(), c.remanence_tesla() * factor)
@@ -86,7 +88,10 @@ impl MagneticSensor {
             gain: normals("gain", labels).iter().map(|g| 1.0 + g * self.reality.gain_sigma.0).collect(),
             bias_tesla: normals("bias", labels).iter().map(|b| b * self.reality.bias_sigma_tesla.0).collect(),
             axis_turn,
-            misplacement_m: placement.chunks_exact(3).map(|p| Vector3::new(p[0], p[1], p[2]) * sigma_m).collect(),
+            misplacement_m: placement
+                .chunks_exact(3)
+                .map(|p| Vector3::new(p[0], p[1], p[2]) * sigma_m)
+                .collect(),
         }
     }
 
@@ -215,4 +220,3 @@ impl Sensor for MagneticSensor {
         });
     }
 }
-

@@ -54,7 +54,11 @@ pub struct Solution {
 impl Solution {
     /// χ² per degree of freedom; infinite where no channel is left over.
     pub fn reduced_chi_square(&self) -> f64 {
-        if self.channels > FREEDOM { self.chi_square / (self.channels - FREEDOM) as f64 } else { f64::INFINITY }
+        if self.channels > FREEDOM {
+            self.chi_square / (self.channels - FREEDOM) as f64
+        } else {
+            f64::INFINITY
+        }
     }
 }
 
@@ -106,8 +110,8 @@ fn normal_equations(
         for j in 0..5 {
             let scaled = weight * row[j];
             normal.gradient[j] += scaled * residual;
-            for i in 0..=j {
-                normal.matrix[(i, j)] += scaled * row[i];
+            for (i, element) in row.iter().enumerate().take(j + 1) {
+                normal.matrix[(i, j)] += scaled * element;
             }
         }
     }
@@ -271,7 +275,8 @@ pub fn covariance_growth(
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         for sign in [-2.0, 2.0] {
             let step = vector.component_mul(&scale) * (sign / value.max(f64::MIN_POSITIVE).sqrt());
-            let there = normal_equations(channels, source, &moved(&solution.magnet, &step), readings, workspace);
+            let there =
+                normal_equations(channels, source, &moved(&solution.magnet, &step), readings, workspace);
             let Some(moved_factor) = there.matrix.cholesky() else { return f64::INFINITY };
             // Largest eigenvalue of Lᵀ C' L with I = L Lᵀ: the new variance in units of the old one.
             let change = factor.l().transpose() * moved_factor.solve(&factor.l());

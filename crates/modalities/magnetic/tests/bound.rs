@@ -65,7 +65,8 @@ fn numbers(value: &Value) -> usize {
 }
 
 fn fixtures() -> Value {
-    serde_json::from_str(include_str!("../../../../tests/cross/crlb-fixtures.json")).expect("the file is JSON")
+    serde_json::from_str(include_str!("../../../../tests/cross/crlb-fixtures.json"))
+        .expect("the file is JSON")
 }
 
 fn entries(value: &Value) -> Vec<(&String, &Value)> {
@@ -80,7 +81,8 @@ fn agree_both(
     entry: &Value,
     what: &str,
 ) -> usize {
-    let variant = |name: &str| agree(&bound_at(positions_m, place_m, axis, name == "known"), &entry[name], what);
+    let variant =
+        |name: &str| agree(&bound_at(positions_m, place_m, axis, name == "known"), &entry[name], what);
     variant("known") + variant("unknown")
 }
 
@@ -96,13 +98,20 @@ fn cross_every_number_of_the_independent_study() {
         compared += agree_both(&grid(side, 0.0), above, Vector3::z(), entry, &format!("grid of {count}"));
     }
     for (count, entry) in entries(&file["N_1D"]) {
-        compared += agree_both(&line(count.parse().unwrap()), above, Vector3::z(), entry, &format!("line of {count}"));
+        compared += agree_both(
+            &line(count.parse().unwrap()),
+            above,
+            Vector3::z(),
+            entry,
+            &format!("line of {count}"),
+        );
     }
     for (count, heights) in entries(&file["distance_2D"]) {
         let sensors = grid(count.parse::<f64>().unwrap().sqrt() as usize, 0.0);
         for (height, entry) in entries(heights) {
             let place = Vector3::new(0.0, 0.0, height.parse().unwrap());
-            compared += agree_both(&sensors, place, Vector3::z(), entry, &format!("grid of {count} at {height} m"));
+            compared +=
+                agree_both(&sensors, place, Vector3::z(), entry, &format!("grid of {count} at {height} m"));
         }
     }
     for (count, angles) in entries(&file["rotation_2D"]) {
@@ -110,7 +119,8 @@ fn cross_every_number_of_the_independent_study() {
         for (degrees, entry) in entries(angles) {
             let turn = degrees.parse::<f64>().unwrap().to_radians();
             let axis = Vector3::new(0.0, turn.sin(), turn.cos());
-            compared += agree_both(&sensors, above, axis, entry, &format!("grid of {count} turned by {degrees}"));
+            compared +=
+                agree_both(&sensors, above, axis, entry, &format!("grid of {count} turned by {degrees}"));
         }
     }
     compared += compare_planes(&file["planes"]);
@@ -172,7 +182,12 @@ fn published_moussakhani2012_equations_10_to_14_corrected() {
         (by_position.tr_mul(&by_position), by_position.tr_mul(&by_axis), by_axis.tr_mul(&by_axis));
     let ours = [pp[(0, 0)], pp[(0, 1)], pa[(0, 0)], pa[(0, 1)], aa[(0, 0)], aa[(0, 1)]];
     for i in 0..6 {
-        assert!((ours[i] / formulas[i] - 1.0).abs() < 1e-12, "element {i}: {} is not {}", ours[i], formulas[i]);
+        assert!(
+            (ours[i] / formulas[i] - 1.0).abs() < 1e-12,
+            "element {i}: {} is not {}",
+            ours[i],
+            formulas[i]
+        );
         assert!((ours[i] / study[i] - 1.0).abs() < 1e-8, "element {i}: {} is not {}", ours[i], study[i]);
     }
     let printed = [41134.706, -9584.229, 995.366, 4366.311, 4448.102];
@@ -184,7 +199,8 @@ fn published_moussakhani2012_equations_10_to_14_corrected() {
 #[test]
 fn published_sixteen_sensors_reach_two_millimetres_with_the_strength_that_pins_it() {
     let scale = STRENGTH_T_M3 / 1.212891e-8;
-    let sigma = bound_at(&grid(4, 0.0), Vector3::new(0.0, 0.0, 0.25), Vector3::z(), true).position_sigma_m() * scale;
+    let sigma =
+        bound_at(&grid(4, 0.0), Vector3::new(0.0, 0.0, 0.25), Vector3::z(), true).position_sigma_m() * scale;
     assert!((sigma.x - 2e-3).abs() < 1e-9 && (sigma.y - 2e-3).abs() < 1e-9, "{sigma:?}");
 }
 
@@ -203,7 +219,8 @@ fn published_line_falls_with_the_root_of_n_and_the_grid_drifts() {
 #[test]
 fn published_grid_beats_line_for_b_and_the_norm_but_not_for_a() {
     let above = Vector3::new(0.0, 0.0, 0.25);
-    let (g, l) = (bound_at(&grid(4, 0.0), above, Vector3::z(), true), bound_at(&line(16), above, Vector3::z(), true));
+    let (g, l) =
+        (bound_at(&grid(4, 0.0), above, Vector3::z(), true), bound_at(&line(16), above, Vector3::z(), true));
     assert!(g.position_sigma_m().y < l.position_sigma_m().y);
     assert!(g.position_norm_m() < l.position_norm_m());
     assert!(g.position_sigma_m().x > l.position_sigma_m().x, "the paper's claim would hold for a");
@@ -243,7 +260,9 @@ fn published_rotation_towards_y_lowers_a_and_b_and_raises_c() {
 fn published_two_facing_planes_beat_two_coincident_ones_beat_one() {
     for axis in [Vector3::z(), Vector3::new(1.0, 1.0, 1.0)] {
         for t in [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3] {
-            let b = |case: &str, t: f64| bound_at(&plane_case(case), Vector3::new(t, t, 0.3), axis, true).position_sigma_m().y;
+            let b = |case: &str, t: f64| {
+                bound_at(&plane_case(case), Vector3::new(t, t, 0.3), axis, true).position_sigma_m().y
+            };
             assert!((b("one", t) / b("case2", t) - 2.0_f64.sqrt()).abs() < 1e-12);
             let gain = b("case2", t) / b("case1", t);
             assert!((1.6..3.1).contains(&gain), "gain {gain} at {t}");

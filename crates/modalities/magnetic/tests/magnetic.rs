@@ -3,10 +3,10 @@
 #![allow(clippy::disallowed_types, reason = "world side: tests hold the truth that they compare with")]
 
 mod magnetic {
-    /// The front end: honest or silent.
-    mod front_end;
     /// Array and capsule files: what is built, and what is refused where.
     mod files;
+    /// The front end: honest or silent.
+    mod front_end;
     /// The laws of the seam.
     mod laws;
     /// Recorded data.

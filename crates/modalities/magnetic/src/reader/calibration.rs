@@ -23,12 +23,18 @@ const MU0: f64 = 4.0e-7 * std::f64::consts::PI;
 const MAX_BYTES: u64 = 16 * 1024 * 1024;
 
 impl Calibration {
-    pub(super) fn open(installed: &Installed, node: &Node, files: &FilesTable) -> Result<Self, ModalityError> {
+    pub(super) fn open(
+        installed: &Installed,
+        node: &Node,
+        files: &FilesTable,
+    ) -> Result<Self, ModalityError> {
         let sensors = installed.array.sensors.len();
         let background_tesla = match &files.background_csv {
-            Some(name) => {
-                read_background(&node.existing_path("background_csv", name)?, sensors, files.flux_unit_tesla.0)?
-            }
+            Some(name) => read_background(
+                &node.existing_path("background_csv", name)?,
+                sensors,
+                files.flux_unit_tesla.0,
+            )?,
             None => vec![[0.0; 3]; sensors],
         };
         let gains = match &files.magnetization_csv {
@@ -54,7 +60,8 @@ impl Calibration {
 
 fn read_gains(path: &Path, installed: &Installed, unit_a_m: f64) -> Result<Vec<f64>, ModalityError> {
     let rows = read_numbers(path)?;
-    let refuse = |line: u64, message: String| ModalityError::Row { file: path.display().to_string(), line, message };
+    let refuse =
+        |line: u64, message: String| ModalityError::Row { file: path.display().to_string(), line, message };
     let [(line, values)] = rows.as_slice() else {
         return Err(refuse(1, format!("{} rows of numbers; expected 1", rows.len())));
     };
@@ -77,7 +84,8 @@ fn read_gains(path: &Path, installed: &Installed, unit_a_m: f64) -> Result<Vec<f
 
 fn read_background(path: &Path, sensors: usize, unit_tesla: f64) -> Result<Vec<[f64; 3]>, ModalityError> {
     let rows = read_numbers(path)?;
-    let refuse = |line: u64, message: String| ModalityError::Row { file: path.display().to_string(), line, message };
+    let refuse =
+        |line: u64, message: String| ModalityError::Row { file: path.display().to_string(), line, message };
     if rows.len() != 3 {
         return Err(refuse(1, format!("{} rows of numbers; expected 3 (x, y, z)", rows.len())));
     }
@@ -106,7 +114,9 @@ fn read_numbers(path: &Path) -> Result<Vec<(u64, Vec<f64>)>, ModalityError> {
         if content.trim().is_empty() || content.trim_start().starts_with('#') {
             continue;
         }
-        let number = |cell: &str| cell.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(cell.trim().to_owned());
+        let number = |cell: &str| {
+            cell.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(cell.trim().to_owned())
+        };
         let values: Result<Vec<f64>, String> = content.split(',').map(number).collect();
         let values = values.map_err(|cell| {
             let message = format!("`{cell}` is not a finite number");

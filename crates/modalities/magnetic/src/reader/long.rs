@@ -109,10 +109,17 @@ impl LongReader {
 
     fn reading_of(&mut self, rows: &[LongRow]) -> Result<Reading, ModalityError> {
         let (first, sensors) = (&rows[0], self.calibration.sensors());
-        let refuse = |message: String| ModalityError::Row { file: self.table.file().to_owned(), line: first.line, message };
+        let refuse = |message: String| ModalityError::Row {
+            file: self.table.file().to_owned(),
+            line: first.line,
+            message,
+        };
         if rows.len() != sensors {
             let count = if rows.len() > sensors { "too many".to_owned() } else { rows.len().to_string() };
-            return Err(refuse(format!("reading `{}` has {count} rows, the array has {sensors} sensors", first.key)));
+            return Err(refuse(format!(
+                "reading `{}` has {count} rows, the array has {sensors} sensors",
+                first.key
+            )));
         }
         let period_s = self.period_s.unwrap_or_default();
         let time_s = match first.time_s {

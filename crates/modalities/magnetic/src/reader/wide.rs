@@ -123,7 +123,11 @@ impl PoseTable {
 
     /// The poses of all sensors at this time; earlier ones are passed over. A sensor without one is an error: where its
     /// model places it is not where it is.
-    fn at(&mut self, time_s: f64, reading: &Row<'_>) -> Result<BTreeMap<String, Isometry3<f64>>, ModalityError> {
+    fn at(
+        &mut self,
+        time_s: f64,
+        reading: &Row<'_>,
+    ) -> Result<BTreeMap<String, Isometry3<f64>>, ModalityError> {
         let at = SimTime::from_seconds(time_s);
         let mut poses = BTreeMap::new();
         while let Some(row) = self.next()? {
@@ -136,7 +140,9 @@ impl PoseTable {
             }
         }
         match (0..self.sensors).find(|i| !poses.contains_key(&format!("s{i}"))) {
-            Some(i) => Err(reading.error(&format!("{} has no pose of sensor s{i} at {time_s} s", self.table.file()))),
+            Some(i) => {
+                Err(reading.error(&format!("{} has no pose of sensor s{i} at {time_s} s", self.table.file())))
+            }
             None => Ok(poses),
         }
     }

@@ -5,7 +5,8 @@ use lumenav_core::fix::FixModel;
 use lumenav_core::laws::{check_information, check_model, check_units};
 use lumenav_core::pose::{exp_so3, oplus};
 use lumenav_core::{
-    FixKind, Frame, Linearization, Measurement, MeasurementModel, Name, NominalState, Noise, PoseEstimate, PriorUse, SimTime,
+    FixKind, Frame, Linearization, Measurement, MeasurementModel, Name, Noise, NominalState, PoseEstimate,
+    PriorUse, SimTime,
 };
 use lumenav_fields::FieldSource;
 use lumenav_magnetic::channels::MagnetPose;
@@ -62,7 +63,8 @@ fn sources() -> [FieldSource; 2] {
 /// A reading at a pose near the state, every third channel lost where asked.
 fn flux_measurement(model: &FluxModel, pose: &Isometry3<f64>, masked: bool, index: u64) -> Measurement {
     let magnet = MagnetPose::of_capsule(pose, &model.offset_capsule_m);
-    let mut flux = noisy(&model.channels, &model.source, &magnet, SIGMA_TESLA, &mut stream("law noise", index));
+    let mut flux =
+        noisy(&model.channels, &model.source, &magnet, SIGMA_TESLA, &mut stream("law noise", index));
     if masked {
         flux.iter_mut().step_by(3).for_each(|z| *z = f64::NAN);
     }
@@ -87,7 +89,8 @@ fn law_flux_derivatives_are_those_of_central_differences() {
 /// A pose that a fix with this error would come from.
 fn fix(kind: FixKind, pose: &Isometry3<f64>, largest_rad: f64, index: u64) -> PoseEstimate {
     let mut random = stream("fix", index);
-    let (shift, turn) = (direction(&mut random) * 5e-3, direction(&mut random) * uniform(&mut random, 0.0..largest_rad));
+    let (shift, turn) =
+        (direction(&mut random) * 5e-3, direction(&mut random) * uniform(&mut random, 0.0..largest_rad));
     let error = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
     let mut covariance = Matrix6::from_diagonal(&Vector6::new(1e-6, 2e-6, 3e-6, 1e-4, 2e-4, 3e-4));
     let unknown = match kind {
@@ -121,11 +124,14 @@ fn law_fix_of_flux_has_the_derivatives_of_a_fix_and_the_information_of_the_flux(
         let pose = state(index);
         let raw = flux_measurement(&model, &pose, false, index);
         let of_flux = FixOfFlux { flux: model.clone(), reading: raw.value.clone() };
-        let as_fix = measurement(fix(FixKind::Pointing, &pose, 0.1, index).to_frame(), Arc::new(of_flux.clone()));
+        let as_fix =
+            measurement(fix(FixKind::Pointing, &pose, 0.1, index).to_frame(), Arc::new(of_flux.clone()));
         let state = NominalState::at_rest(pose);
         check_model(&of_flux, &as_fix, &state, 1e-6).unwrap();
-        let (ours, theirs) =
-            (of_flux.expected_information(&as_fix, &state).unwrap(), model.expected_information(&raw, &state).unwrap());
+        let (ours, theirs) = (
+            of_flux.expected_information(&as_fix, &state).unwrap(),
+            model.expected_information(&raw, &state).unwrap(),
+        );
         assert_eq!(ours, theirs);
     }
 }
@@ -156,9 +162,12 @@ fn law_expected_information_is_the_mean_of_the_realised() {
             let expected = model.expected_information(&first, &state).unwrap().unwrap();
             // Units differ between the blocks: compared after scaling to a unit diagonal. Rank 5: nothing is known of the roll.
             let scale: Vec<f64> = (0..6).map(|i| expected[(i, i)].max(1e-30).sqrt().recip()).collect();
-            let scaled = |m: &DMatrix<f64>| {
-                DMatrix::from_fn(6, 6, |i, j| if i == 3 || j == 3 { 0.0 } else { m[(i, j)] * scale[i] * scale[j] })
-            };
+            let scaled =
+                |m: &DMatrix<f64>| {
+                    DMatrix::from_fn(6, 6, |i, j| {
+                        if i == 3 || j == 3 { 0.0 } else { m[(i, j)] * scale[i] * scale[j] }
+                    })
+                };
             assert!(expected[(3, 3)] <= 1e-20 * expected[(4, 4)], "the roll is unobservable");
             let realised: Vec<DMatrix<f64>> = realised.iter().map(scaled).collect();
             // Standard error of an element is about √(2/20000) = 0.01, of the norm's ratio a few times that.

@@ -38,9 +38,15 @@ fn law_the_sensor_is_deterministic() {
 
 #[test]
 fn law_a_second_sensor_changes_no_draw_of_the_first() {
-    let alone = readings(&mut *sensor("array = \"plane-4x4\"", ALL_FLAWS, [0.0; 3]), &RandomStreams::new(5, 0, "first"), 4);
-    let (mut first, mut second) =
-        (sensor("array = \"plane-4x4\"", ALL_FLAWS, [0.0; 3]), sensor("array = \"belt-16\"", ALL_FLAWS, [0.0; 3]));
+    let alone = readings(
+        &mut *sensor("array = \"plane-4x4\"", ALL_FLAWS, [0.0; 3]),
+        &RandomStreams::new(5, 0, "first"),
+        4,
+    );
+    let (mut first, mut second) = (
+        sensor("array = \"plane-4x4\"", ALL_FLAWS, [0.0; 3]),
+        sensor("array = \"belt-16\"", ALL_FLAWS, [0.0; 3]),
+    );
     let (ours, theirs) = (RandomStreams::new(5, 0, "first"), RandomStreams::new(5, 0, "second"));
     let mut beside = Vec::new();
     for _ in 0..4 {
@@ -99,11 +105,13 @@ fn closed_form_without_flaws_the_mean_is_the_field_and_the_spread_the_noise() {
 #[test]
 fn closed_form_readings_are_multiples_of_the_step_within_the_limit() {
     let installed = installed("array = \"plane-4x4\"", [0.0; 3]);
-    let (step, limit) = (installed.array.resolution_tesla.unwrap(), installed.array.saturation_tesla.unwrap());
+    let (step, limit) =
+        (installed.array.resolution_tesla.unwrap(), installed.array.saturation_tesla.unwrap());
     // 10 mm from a sensor: 12 mT, far beyond 0.6 mT.
     let close = Isometry3::new(Vector3::new(0.25, 0.25, 0.01), Vector3::zeros());
     let mut sensor = sensor("array = \"plane-4x4\"", "", [0.0; 3]);
-    let seen = sensor.observe(&AtRest(close), SimTime::ZERO, &RandomStreams::new(1, 0, "array")).unwrap().unwrap();
+    let seen =
+        sensor.observe(&AtRest(close), SimTime::ZERO, &RandomStreams::new(1, 0, "array")).unwrap().unwrap();
     let flux = seen.reading.payload.f64("flux_tesla").unwrap();
     let mut at_limit = 0;
     for z in flux {
@@ -122,7 +130,8 @@ fn closed_form_ambient_disturbance_and_strength_add_up() {
     let base = readings(&mut *sensor(quiet, "", [0.0; 3]), &streams, 4);
     let stronger = readings(&mut *sensor(quiet, "strength_error = 0.05", [0.0; 3]), &streams, 1);
     let ambient = readings(&mut *sensor(quiet, "ambient_tesla = [1e-5, 2e-5, 3e-5]", [0.0; 3]), &streams, 1);
-    let disturbance = "[[disturbance]]\nstart_s = 0.1\nend_s = 0.3\nposition_mm = [0, 0, 1000]\nmoment_a_m2 = [0, 0, 10]\n";
+    let disturbance =
+        "[[disturbance]]\nstart_s = 0.1\nend_s = 0.3\nposition_mm = [0, 0, 1000]\nmoment_a_m2 = [0, 0, 10]\n";
     let disturbed = readings(&mut *sensor(quiet, disturbance, [0.0; 3]), &streams, 4);
     for k in 0..48 {
         assert!((stronger[0][k] - 1.05 * base[0][k]).abs() < 1e-12 * 1e-5);
@@ -159,7 +168,11 @@ fn law_bad_tables_are_refused_with_file_line_and_key() {
         (plane, "strength_error = -1", "test.toml:1:18: `strength_error`"),
         (plane, "gain_sigma = -0.1", "test.toml:1:14: `gain_sigma`"),
         (plane, "ambient_tesla = [0, inf, 0]", "`ambient_tesla"),
-        (plane, "[[disturbance]]\nstart_s = 2\nend_s = 1\nposition_mm = [0,0,0]\nmoment_a_m2 = [0,0,1]", "`disturbance"),
+        (
+            plane,
+            "[[disturbance]]\nstart_s = 2\nend_s = 1\nposition_mm = [0,0,0]\nmoment_a_m2 = [0,0,1]",
+            "`disturbance",
+        ),
     ] {
         let error = refuse(installed, reality);
         assert!(error.contains(wanted), "{error}, wanted: {wanted}");

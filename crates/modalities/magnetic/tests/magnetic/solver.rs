@@ -1,12 +1,12 @@
 //! Right basin from two starts, error at the bound.
 
 use super::support::*;
+use lumenav_core::Node;
+use lumenav_fields::FieldSource;
 use lumenav_magnetic::array::SensorArray;
 use lumenav_magnetic::bound::bound;
 use lumenav_magnetic::channels::{Channels, MagnetPose};
 use lumenav_magnetic::solver::{Readings, Search, Workspace, solve, solve_from_all};
-use lumenav_core::Node;
-use lumenav_fields::FieldSource;
 use nalgebra::{Isometry3, Vector3};
 
 fn both_ways(position_world_m: Vector3<f64>) -> [MagnetPose; 2] {
@@ -20,7 +20,11 @@ fn search(channels: &Channels, source: &FieldSource, flux: &[f64], starts: &[Mag
 }
 
 /// Counts the poses whose best solution is converged and within six standard deviations (5 degrees of freedom) of the truth.
-fn right_basins(array: &SensorArray, poses: impl Iterator<Item = Isometry3<f64>>, purpose: &str) -> (usize, usize) {
+fn right_basins(
+    array: &SensorArray,
+    poses: impl Iterator<Item = Isometry3<f64>>,
+    purpose: &str,
+) -> (usize, usize) {
     let channels = array.channels(&Isometry3::identity());
     let starts: Vec<MagnetPose> =
         array.start_positions_m(&channels, &Isometry3::identity()).into_iter().flat_map(both_ways).collect();
@@ -80,7 +84,10 @@ fn published_maximum_likelihood_reaches_the_bound_from_nine_sensors_on() {
     let allowed = 0.03 + 2.0 / (4.0 * trials as f64).sqrt();
     for (side, truth) in [(3, &upright), (4, &upright), (4, &slanted), (6, &upright), (10, &upright)] {
         let (ratio, chi_square) = error_over_bound(side, truth, trials);
-        println!("N = {:3}, {trials} trials: RMSE over bound {ratio:.4}, chi-square {chi_square:.4}", side * side);
+        println!(
+            "N = {:3}, {trials} trials: RMSE over bound {ratio:.4}, chi-square {chi_square:.4}",
+            side * side
+        );
         assert!((ratio - 1.0).abs() < allowed, "N = {}: {ratio}", side * side);
         // Standard error of the mean: √(2/(dof·trials)) below 0.01 here.
         assert!((chi_square - 1.0).abs() < 0.03, "chi-square {chi_square}");
@@ -109,7 +116,8 @@ fn cross_cylinder_and_dipole_agree_far_away() {
         magnet.source(lumenav_magnetic::config::Law::Cylinder),
     );
     let channels = grid(4).channels(&Isometry3::identity());
-    let truth = |height| MagnetPose { position_world_m: Vector3::new(0.03, -0.02, height), axis_world: Vector3::z() };
+    let truth =
+        |height| MagnetPose { position_world_m: Vector3::new(0.03, -0.02, height), axis_world: Vector3::z() };
     let difference = |height: f64| {
         let (mut a, mut b) = (Vec::new(), Vec::new());
         channels.flux(&dipole, &truth(height), &mut a);
@@ -138,7 +146,8 @@ fn regress_a_stiff_start_is_not_taken_for_the_end() {
     let readings = Readings { flux_tesla: &flux, valid: &valid, variance_tesla2: &variance };
     let mut random = stream("far", 0);
     for _ in 0..300 {
-        let start = MagnetPose { position_world_m: direction(&mut random) * 5.0, axis_world: direction(&mut random) };
+        let start =
+            MagnetPose { position_world_m: direction(&mut random) * 5.0, axis_world: direction(&mut random) };
         let found = solve(&channels, &dipole(), readings, &start, &mut Workspace::default());
         if found.converged {
             let gradient_left = found.chi_square.min(1.0);

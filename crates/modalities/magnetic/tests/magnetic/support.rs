@@ -2,7 +2,10 @@
 
 use lumenav_core::config::quantity::{Fraction, NonNegative, Positive};
 use lumenav_core::pose::exp_so3;
-use lumenav_core::{CapsuleBody, CapsuleTruth, ModelFolder, Name, Node, RandomStream, RandomStreams, Reading, Schedule, Setup, SimTime, TruthView};
+use lumenav_core::{
+    CapsuleBody, CapsuleTruth, ModelFolder, Name, Node, RandomStream, RandomStreams, Reading, Schedule,
+    Setup, SimTime, TruthView,
+};
 use lumenav_fields::FieldSource;
 use lumenav_magnetic::array::SensorArray;
 use lumenav_magnetic::channels::{Channels, MagnetPose};
@@ -41,7 +44,12 @@ pub fn setup(offset_mm: [f64; 3]) -> Setup {
 }
 
 pub fn schedule() -> Schedule {
-    Schedule { rate_hz: Positive(10.0), start_s: NonNegative(0.0), latency_ms: NonNegative(5.0), loss: Fraction(0.0) }
+    Schedule {
+        rate_hz: Positive(10.0),
+        start_s: NonNegative(0.0),
+        latency_ms: NonNegative(5.0),
+        loss: Fraction(0.0),
+    }
 }
 
 pub fn installed(text: &str, offset_mm: [f64; 3]) -> Installed {
@@ -83,11 +91,8 @@ pub fn attitude(random: &mut RandomStream) -> UnitQuaternion<f64> {
 
 /// A pose of the reference workspace: 0.4 x 0.4 m, 0.1 to 0.3 m above the plane.
 pub fn workspace_pose(random: &mut RandomStream) -> Isometry3<f64> {
-    let place = Vector3::new(
-        uniform(random, -0.2..0.2),
-        uniform(random, -0.2..0.2),
-        uniform(random, 0.1..0.3),
-    );
+    let place =
+        Vector3::new(uniform(random, -0.2..0.2), uniform(random, -0.2..0.2), uniform(random, 0.1..0.3));
     Isometry3::from_parts(Translation3::from(place), attitude(random))
 }
 
@@ -96,10 +101,18 @@ pub fn magnet_of(pose: &Isometry3<f64>) -> MagnetPose {
 }
 
 /// Flux at the channels with independent noise.
-pub fn noisy(channels: &Channels, source: &FieldSource, magnet: &MagnetPose, sigma: f64, random: &mut RandomStream) -> Vec<f64> {
+pub fn noisy(
+    channels: &Channels,
+    source: &FieldSource,
+    magnet: &MagnetPose,
+    sigma: f64,
+    random: &mut RandomStream,
+) -> Vec<f64> {
     let mut flux = Vec::new();
     channels.flux(source, magnet, &mut flux);
-    flux.iter_mut().for_each(|z| *z += sigma * normal(random));
+    for z in &mut flux {
+        *z += sigma * normal(random);
+    }
     flux
 }
 
