@@ -8,6 +8,8 @@ mod bad_input;
 mod determinism;
 // What a user does: run, replay, explain, export, view.
 mod journeys;
+// The shipped recording is what its command makes.
+mod recording;
 // Plugins outside the modality crates, through the filter, against committed numbers.
 mod seam;
 // Published claims and fixtures at the level of whole runs.

@@ -13,33 +13,30 @@ fn first_pose(folder: &Path) -> Vec<f64> {
 const PRIOR: &str = "track.magnetic-eskf.prior={position_mm=[0,0,0], position_sigma_mm=1e-3, \
                      rotation_vector_deg=[0,0,0], rotation_sigma_deg=1e-3}";
 
-/// The truth's start moves by 30 mm; the belief, told by a tight prior that it is at the origin, stays there: its first
-/// estimate cannot have come from the truth. (The readings contradict the prior and are gated.)
+/// The truth's start moves from 10 to 8 mm beside the origin; the belief, told by a tight prior that the capsule rests at the
+/// origin, stays there through every update: nothing of it can have come from the truth.
 #[test]
 fn law_the_first_belief_does_not_follow_the_truth() {
     let folder = scratch();
     let scenario = root().join("scenarios/smoke/faults.toml");
-    let mut firsts = Vec::new();
-    for (name, from) in [("a", "[-40,0,0]"), ("b", "[-10,0,0]")] {
+    for (name, from) in [("a", "[-10,0,0]"), ("b", "[-8,0,0]")] {
         let out = folder.path().join(name);
-        Run::new(&scenario)
-            .out(&out)
-            .arg("--set")
-            .arg("scenario.duration_s=0.9")
-            .arg("--set")
-            .arg(format!("truth.from_mm={from}"))
-            .arg("--set")
-            .arg(PRIOR)
-            .arg("--set")
-            .arg("track.magnetic-eskf.filter.gate_probability=0.999999999")
-            .arg("--set")
-            .arg("track.magnetic-eskf.filter.reacquire_after=1000")
-            .ok();
-        let text = std::fs::read_to_string(out.join("magnetic-eskf.tum")).expect("the track was written");
-        firsts.push(text.lines().filter(|l| !l.starts_with('#')).count());
+        let mut run = Run::new(&scenario).out(&out);
+        for set in [
+            "scenario.duration_s=0.9",
+            &format!("truth.from_mm={from}"),
+            PRIOR,
+            "track.magnetic-eskf.filter.gate_probability=0.999999999999",
+            "track.magnetic-eskf.filter.initial_velocity_sigma_m_s=1e-9",
+            "track.magnetic-eskf.filter.motion.velocity_random_walk_m_s_per_sqrt_s=0",
+        ] {
+            run = run.arg("--set").arg(set);
+        }
+        run.ok();
+        let pose = first_pose(&out);
+        let from_origin = (1..4).map(|i| pose[i].powi(2)).sum::<f64>().sqrt();
+        assert!(from_origin < 1e-4, "truth at {from} mm, first belief {from_origin} m from its prior");
     }
-    // Every reading lies far beyond the gate of a belief that was not told the truth.
-    assert_eq!(firsts, vec![0, 0]);
 }
 
 /// Without a prior the first estimate is the first fix, with the fix's own error: not the truth to the last digit.

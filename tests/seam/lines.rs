@@ -49,12 +49,13 @@ pub(super) fn label_schema() -> Arc<Schema> {
     Arc::new(Schema { name: "line_labels/1".to_owned(), columns: vec![marker], rows: Rows::Events })
 }
 
-pub(super) fn frame(lines: &[(Vector3<f64>, Vector3<f64>)]) -> Frame {
-    let column =
-        |value: &dyn Fn(&(Vector3<f64>, Vector3<f64>)) -> f64| Column::F64(lines.iter().map(value).collect());
-    let mut columns: Vec<Column> = (0..3).map(|i| column(&|line| line.0[i])).collect();
-    columns.extend((0..3).map(|i| column(&|line| line.1[i])));
-    Frame::new(schema(), columns, vec![true; lines.len()]).unwrap()
+/// A point on a line, world m, and its unit direction.
+pub(super) type Line = (Vector3<f64>, Vector3<f64>);
+
+pub(super) fn frame(lines: &[Line]) -> Frame {
+    let points = (0..3).map(|i| Column::F64(lines.iter().map(|line| line.0[i]).collect()));
+    let directions = (0..3).map(|i| Column::F64(lines.iter().map(|line| line.1[i]).collect()));
+    Frame::new(schema(), points.chain(directions).collect(), vec![true; lines.len()]).unwrap()
 }
 
 /// What is summed over lines.
@@ -203,7 +204,7 @@ fn model(document: &Document) -> LineModel {
     }
 }
 
-fn window(sequence: u64, lines: &[(Vector3<f64>, Vector3<f64>)]) -> Reading {
+fn window(sequence: u64, lines: &[Line]) -> Reading {
     let start = SimTime(50_000_000 * sequence as i64);
     reading("lines", sequence, (start, start + 50_000_000), frame(lines))
 }
@@ -283,12 +284,7 @@ fn law_line_sensor_is_deterministic() {
 }
 
 /// Lines of a window seen from a pose, by a model.
-fn draw(
-    model: &LineModel,
-    pose: &Isometry3<f64>,
-    streams: &RandomStreams,
-    k: u64,
-) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+fn draw(model: &LineModel, pose: &Isometry3<f64>, streams: &RandomStreams, k: u64) -> Vec<Line> {
     let mut stream = streams.stream("lines", k);
     (0..500)
         .map(|_| {

@@ -66,7 +66,9 @@ pub(crate) fn solve_right_transposed(x: &mut DMatrix<f64>, lower: &DMatrix<f64>)
                 }
             }
         }
-        column.iter_mut().for_each(|value| *value /= pivot);
+        for value in column.iter_mut() {
+            *value /= pivot;
+        }
     }
 }
 

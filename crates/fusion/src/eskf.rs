@@ -97,7 +97,7 @@ enum Action {
     /// Predict with a measured angular rate.
     Motion(Arc<Reading>, Arc<dyn MotionInput>),
     /// Update.
-    Measure(Measurement),
+    Measure(Arc<Measurement>),
 }
 
 /// Order of the log: time, then kind, then sensor and sequence. Motion comes first (it brings the belief to that time), then
@@ -267,7 +267,7 @@ impl Eskf {
         }
         self.arrived = self.arrived.max(measurement.arrival);
         let key = (measurement.at, 1, measurement.sensor.clone(), measurement.sequence);
-        let offered = self.insert(key, Action::Measure(measurement));
+        let offered = self.insert(key, Action::Measure(Arc::new(measurement)));
         // An entry that measures always answers.
         let offered =
             offered.unwrap_or(Offered { verdict: Verdict::Refused(Refused::NotStarted), lost: None });

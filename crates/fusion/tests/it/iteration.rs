@@ -10,9 +10,9 @@ use lumenav_fusion::update::propose;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Translation3, Vector3};
 use std::sync::Arc;
 
-fn belief(position: Vector3<f64>, covariance: Matrix6<f64>) -> Belief {
+fn belief(position: Vector3<f64>, covariance: &Matrix6<f64>) -> Belief {
     let pose = Isometry3::from_parts(Translation3::from(position), exp_so3(&Vector3::new(0.2, -0.4, 0.1)));
-    let fix = PoseEstimate { world_from_capsule: pose, covariance, kind: FixKind::Full };
+    let fix = PoseEstimate { world_from_capsule: pose, covariance: *covariance, kind: FixKind::Full };
     Belief::start(SimTime::ZERO, &fix, 0.01, 0.1)
 }
 
@@ -36,7 +36,9 @@ fn mode(belief: &Belief, m: &Measurement, start: &DVector<f64>) -> DVector<f64> 
     for _ in 0..40 {
         let at = |shift: &[(usize, f64)]| {
             let mut moved = e.clone();
-            shift.iter().for_each(|(i, sign)| moved[*i] += sign * step[*i]);
+            for (i, sign) in shift {
+                moved[*i] += sign * step[*i];
+            }
             cost(belief, &inverse, m, &moved)
         };
         let centre = at(&[]);
@@ -67,7 +69,7 @@ fn cross_iterated_update_is_the_mode_of_the_posterior() {
         let scale = Matrix6::from_diagonal(&nalgebra::Vector6::new(1.0, 1.0, 1.0, 10.0, 10.0, 10.0));
         let random = positive_definite(6, 1e-4, &mut stream);
         let random = Matrix6::from_iterator(random.iter().copied());
-        let belief = belief(Vector3::new(0.1, 0.0, 0.0), scale * random * scale);
+        let belief = belief(Vector3::new(0.1, 0.0, 0.0), &(scale * random * scale));
         let truth = belief.state.world_from_capsule.rotation * exp_so3(&(0.3 * normal3(&mut stream)));
         let world = [Vector3::new(0.0, 0.0, 1.0), Vector3::new(1.0, 0.2, 0.0)];
         let seen: Vec<f64> =
@@ -108,7 +110,7 @@ fn range_error(iterated: bool, stream: &mut RandomStream) -> f64 {
     let range = truth.norm() + 1e-4 * normal(stream);
     let mut covariance = Matrix6::identity() * 1e-4;
     (covariance[(0, 1)], covariance[(1, 0)]) = (8e-5, 8e-5);
-    let belief_before = belief(centre, covariance);
+    let belief_before = belief(centre, &covariance);
     let model = Arc::new(RangeModel { anchor_world_m: Vector3::zeros(), sigma_m: 1e-4, iterated });
     let m = measurement("s", 0, SimTime::ZERO, values("v", &[range]), model);
     let mut after = belief_before.clone();

@@ -16,7 +16,7 @@ fn tenth(k: u64) -> SimTime {
 
 #[derive(Clone)]
 enum Event {
-    Measure(Measurement),
+    Measure(Box<Measurement>),
     Motion(Reading),
     Want(SimTime),
 }
@@ -34,10 +34,10 @@ fn events() -> Vec<Event> {
         let position = Vector3::new(0.001 * k as f64, 0.0, 0.0) + 1e-3 * normal3(&mut stream);
         if k % 2 == 1 {
             let position = if k == 9 { position + Vector3::new(0.0, 0.5, 0.0) } else { position };
-            all.push(Event::Measure(position_fix("fix", k, tenth(k), &position, 2e-3)));
+            all.push(Event::Measure(Box::new(position_fix("fix", k, tenth(k), &position, 2e-3))));
         }
         let metres = (position - Vector3::new(0.3, 0.1, -0.2)).norm();
-        all.push(Event::Measure(range("range", k, tenth(k) + 20_000_000, metres)));
+        all.push(Event::Measure(Box::new(range("range", k, tenth(k) + 20_000_000, metres))));
         let rate = Vector3::new(0.2, 0.1, -0.3) + 0.01 * normal3(&mut stream);
         all.push(Event::Motion(gyro_reading(k, (tenth(k), tenth(k + 1)), &rate)));
     }
@@ -50,7 +50,7 @@ fn events() -> Vec<Event> {
         Arc::new(RelativeModel { sigma: 0.02 }),
     );
     relative.since = Some(tenth(6));
-    all.push(Event::Measure(relative));
+    all.push(Event::Measure(Box::new(relative)));
     all
 }
 
@@ -60,7 +60,7 @@ fn run(events: &[Event], lag_s: f64) -> (Belief, Eskf) {
     let gyro = Arc::new(Gyro { sigma_rad_s: 0.02 });
     for event in events {
         match event {
-            Event::Measure(m) => drop(filter.offer(m.clone())),
+            Event::Measure(m) => drop(filter.offer(m.as_ref().clone())),
             Event::Motion(reading) => filter.offer_motion(reading.clone(), gyro.clone()),
             Event::Want(at) => filter.want_clones(&Name::from("odometry"), vec![*at]),
         }
@@ -145,7 +145,7 @@ fn law_too_late_is_counted_and_leaves_no_trace() {
     let mut events = events();
     events.retain(|event| matches!(event, Event::Measure(m) if m.since.is_none()));
     let (without, _) = run(&events, 0.5);
-    events.push(Event::Measure(range("late", 0, tenth(3), 0.4)));
+    events.push(Event::Measure(Box::new(range("late", 0, tenth(3), 0.4))));
     let (with, filter) = run(&events, 0.5);
     assert_eq!(filter.counters().too_late, 1);
     assert_same_bits(&with, &without, "late");
