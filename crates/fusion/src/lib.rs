@@ -5,10 +5,11 @@
 //! rate, run-time nuisance blocks and stochastic clones.
 //!
 //! [`Eskf`] is the error-state extended Kalman filter. The crate's rooms: [`belief`] (state, covariance, prediction),
-//! [`update`] (one low-rank update for residual and information form alike), [`gate`] (chi-square), [`eskf`] (the event
-//! log: delays, replay, start, loss and re-acquisition), [`options`] (what a user may set).
+//! [`compress`] and [`update`] (one low-rank update for residual and information form alike), [`gate`] (chi-square),
+//! [`eskf`] (the event log: delays, replay, start, loss and re-acquisition), [`options`] (what a user may set).
 
 pub mod belief;
+pub mod compress;
 mod dense;
 pub mod eskf;
 pub mod gate;

@@ -147,9 +147,8 @@ fn law_a_relative_pose_without_its_clone_fails_and_is_counted() {
     assert_eq!(filter.counters().failed, 1);
 }
 
-/// It would have been taken of a later pose and kept under that pose's time.
 #[test]
-fn regress_a_clone_older_than_the_lag_is_not_taken() {
+fn law_a_clone_older_than_the_lag_is_not_taken() {
     let mut filter = Eskf::new(EskfOptions { lag_s: NonNegative(0.5), ..EskfOptions::default() }, Vec::new());
     (0..20).for_each(|k| drop(filter.offer(fix(k, 0.0))));
     filter.want_clones(&Name::from("odometry"), vec![tenth(3)]);
