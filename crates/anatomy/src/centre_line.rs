@@ -1,6 +1,6 @@
 //! The centre line of a tract: a curve in the torso frame by its arc length.
 //!
-//! A C² cubic spline through points ([`crate::spline`]) is cut into *cells* of about half a millimetre, none across a knot.
+//! A C² cubic spline through points (`spline.rs`) is cut into *cells* of about half a millimetre, none across a knot.
 //! A cell keeps the spline's parameter `u` at its two ends together with `du/ds = 1/|dx/du|`, and the cubic Hermite
 //! polynomial between them is `u(s)`; while the line is built, each cell is halved until that polynomial puts its middle
 //! where the quadrature of the arc length puts it to 1e-11 m. Cells are found through a table that is uniform in `s`, so

@@ -22,7 +22,7 @@
 //! Neglected: coordination between neighbouring cells beyond the MMC, the pylorus as a gate, the circadian rhythm of the
 //! colon, and the three speeds along the oesophagus (one mean speed here).
 //!
-//! Numbers: [S] stated by a source, [B] believed. Sources: Kerlin and Phillips 1982 (small-bowel rates, MMC), Boiron et al.
+//! Numbers: (S) stated by a source, (B) believed. Sources: Kerlin and Phillips 1982 (small-bowel rates, MMC), Boiron et al.
 //! (antral wave speed), Rao et al. (colon), Humphries and Castell 1977 (oesophagus).
 
 use crate::error::AnatomyError;

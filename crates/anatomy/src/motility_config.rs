@@ -1,6 +1,6 @@
 //! The `[motility]` table of a scenario: every number with a default and its source.
 //!
-//! [S] stated by a source, [B] believed, [T] tuned here (to what stands beside it). Rates are what one place sees.
+//! (S) stated by a source, (B) believed, (T) tuned here (to what stands beside it). Rates are what one place sees.
 
 use crate::error::AnatomyError;
 use crate::motility::{Site, Wave};
@@ -73,22 +73,22 @@ pub struct WaveConfig {
     /// Where its centre starts, m. Default 0.
     #[serde(default = "zero")]
     pub start_m: Finite,
-    /// Speed of its centre, m/s, positive aboral. Default 0.022, a propulsive sequence of the colon [S].
+    /// Speed of its centre, m/s, positive aboral. Default 0.022, a propulsive sequence of the colon (S).
     #[serde(default = "mass_speed")]
     pub speed_m_s: Finite,
-    /// How far it runs, m. Default 0.41, a propulsive sequence of the colon [S]. A standing wave takes `duration_s` instead.
+    /// How far it runs, m. Default 0.41, a propulsive sequence of the colon (S). A standing wave takes `duration_s` instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run_m: Option<Positive>,
     /// How long it lasts, s, where `run_m` is not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<Positive>,
-    /// Standard width of the Gaussian, m. Default 0.02, that of a mass movement [T].
+    /// Standard width of the Gaussian, m. Default 0.02, that of a mass movement (T).
     #[serde(default = "mass_width")]
     pub width_m: Positive,
-    /// Fraction of the radius at its centre, at most 0.98. Default 0.95, a mass movement [T].
+    /// Fraction of the radius at its centre, at most 0.98. Default 0.95, a mass movement (T).
     #[serde(default = "mass_amplitude")]
     pub amplitude: Fraction,
-    /// How far ahead of it the haustra of the colon flatten, m. Default 0.2, as before a mass movement [B].
+    /// How far ahead of it the haustra of the colon flatten, m. Default 0.2, as before a mass movement (B).
     #[serde(default = "mass_flattening")]
     pub flattens_ahead_m: NonNegative,
 }
@@ -175,7 +175,7 @@ fn positive(name: &'static str, value: f64) -> Result<(), AnatomyError> {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MmcConfig {
-    /// Period, s. Default 5820 (97 min; 15 to 195 min across people) [S].
+    /// Period, s. Default 5820 (97 min; 15 to 195 min across people) (S).
     pub period_s: Positive,
     /// Phase at t = 0 at the start of the small bowel, 0 to 1; drawn from the seed where it is not given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -203,11 +203,11 @@ impl Default for MmcConfig {
 pub struct OesophagusConfig {
     /// When the capsule is swallowed, s. Default 0.
     pub swallow_time_s: NonNegative,
-    /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) [S].
+    /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) (S).
     pub speed_m_s: Positive,
-    /// Amplitude. Default 0.95 [B].
+    /// Amplitude. Default 0.95 (B).
     pub amplitude: Fraction,
-    /// Width, m. Default 0.018 [B].
+    /// Width, m. Default 0.018 (B).
     pub width_m: Positive,
 }
 
@@ -269,11 +269,11 @@ macro_rules! rhythm_table {
             pub speed_m_s: Positive,
             #[doc = $amplitude_doc]
             pub amplitude: [Fraction; 2],
-            #[doc = concat!("Width of the Gaussian, m. Default ", stringify!($width), " [B].")]
+            #[doc = concat!("Width of the Gaussian, m. Default ", stringify!($width), " (B).")]
             pub width_m: Positive,
-            #[doc = concat!("Shortest and longest run, m. Default ", stringify!($run), " [B].")]
+            #[doc = concat!("Shortest and longest run, m. Default ", stringify!($run), " (B).")]
             pub run_m: [Positive; 2],
-            #[doc = concat!("Part of the waves that travel aborally. Default ", stringify!($aboral), " [B].")]
+            #[doc = concat!("Part of the waves that travel aborally. Default ", stringify!($aboral), " (B).")]
             pub aboral_fraction: Fraction,
             #[doc = concat!("Dead time as a part of the mean interval. Default ", stringify!($refractory), " [B: slow waves pace it].")]
             pub refractory_fraction: Fraction,
@@ -314,45 +314,45 @@ macro_rules! rhythm_table {
 rhythm_table!(
     /// `[motility.stomach]`: antral waves, which grow on their way to the pylorus.
     StomachConfig,
-    rate [0.0517, 0.0517], "Rate at the oral and the aboral end, 1/s. Default 0.0517: 3.1 per minute [S].";
-    speed 0.0024, "Speed, m/s. Default 0.0024 (0 to 0.014) [S].";
-    amplitude [0.25, 0.75], "Amplitude at start and end of a run. Default 0.25 (corpus) to 0.75 (antrum) [B].";
+    rate [0.0517, 0.0517], "Rate at the oral and the aboral end, 1/s. Default 0.0517: 3.1 per minute (S).";
+    speed 0.0024, "Speed, m/s. Default 0.0024 (0 to 0.014) (S).";
+    amplitude [0.25, 0.75], "Amplitude at start and end of a run. Default 0.25 (corpus) to 0.75 (antrum) (B).";
     width 0.012; run [0.12, 0.12]; aboral 1.0; refractory 0.9
 );
 rhythm_table!(
     /// `[motility.duodenum]`.
     DuodenumConfig,
     rate [0.208, 0.208], "Rate in phase III at both ends, 1/s. Default 0.208: 12.5 per minute [S, upper bound].";
-    speed 0.018, "Speed, m/s. Default 0.018 [B].";
-    amplitude [0.6, 0.6], "Amplitude at start and end of a run. Default 0.6 [B].";
+    speed 0.018, "Speed, m/s. Default 0.018 (B).";
+    amplitude [0.6, 0.6], "Amplitude at start and end of a run. Default 0.6 (B).";
     width 0.010; run [0.02, 0.15]; aboral 0.85; refractory 0.6
 );
 rhythm_table!(
     /// `[motility.jejunum]`.
     JejunumConfig,
-    rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute [S].";
-    speed 0.014, "Speed, m/s. Default 0.014 [B].";
-    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [B].";
+    rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute (S).";
+    speed 0.014, "Speed, m/s. Default 0.014 (B).";
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 (B).";
     width 0.010; run [0.02, 0.12]; aboral 0.85; refractory 0.6
 );
 rhythm_table!(
     /// `[motility.ileum]`.
     IleumConfig,
-    rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute [S].";
-    speed 0.008, "Speed, m/s. Default 0.008 [B].";
-    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [B].";
+    rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute (S).";
+    speed 0.008, "Speed, m/s. Default 0.008 (B).";
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 (B).";
     width 0.010; run [0.02, 0.08]; aboral 0.8; refractory 0.6
 );
 rhythm_table!(
     /// `[motility.terminal_ileum]`.
     TerminalIleumConfig,
-    rate [0.167, 0.143], "Rate in phase III at both ends, 1/s. Default 10.0 to 8.6 per minute [S].";
-    speed 0.006, "Speed, m/s. Default 0.006 [B].";
-    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [B].";
+    rate [0.167, 0.143], "Rate in phase III at both ends, 1/s. Default 10.0 to 8.6 per minute (S).";
+    speed 0.006, "Speed, m/s. Default 0.006 (B).";
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 (B).";
     width 0.010; run [0.02, 0.05]; aboral 0.8; refractory 0.6
 );
 
-/// Speed of the MMC front in duodenum and jejunum, ileum and terminal ileum, m/s: 4.7, 1.3 and 0.9 cm/min [S].
+/// Speed of the MMC front in duodenum and jejunum, ileum and terminal ileum, m/s: 4.7, 1.3 and 0.9 cm/min (S).
 const MMC_FRONT_M_S: [(SegmentKey, f64); 4] = [
     (SegmentKey::Duodenum, 7.8e-4),
     (SegmentKey::Jejunum, 7.8e-4),
@@ -364,40 +364,40 @@ const MMC_FRONT_M_S: [(SegmentKey, f64); 4] = [
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ColonConfig {
-    /// Haustral contractions at one place, 1/s. Default 0.05: 3 per minute [S].
+    /// Haustral contractions at one place, 1/s. Default 0.05: 3 per minute (S).
     pub haustral_rate_hz: NonNegative,
-    /// Their speed, m/s. Default 0.002 [B].
+    /// Their speed, m/s. Default 0.002 (B).
     pub haustral_speed_m_s: Positive,
-    /// Their amplitude. Default 0.3 [B].
+    /// Their amplitude. Default 0.3 (B).
     pub haustral_amplitude: Fraction,
-    /// Their width, m. Default 0.010, a third of the distance between haustra [B].
+    /// Their width, m. Default 0.010, a third of the distance between haustra (B).
     pub haustral_width_m: Positive,
-    /// Their shortest and longest run, m. Default 0.01 to 0.03, up to one haustrum [B].
+    /// Their shortest and longest run, m. Default 0.01 to 0.03, up to one haustrum (B).
     pub haustral_run_m: [Positive; 2],
-    /// Part of them that travels aborally. Default 0.5 [B].
+    /// Part of them that travels aborally. Default 0.5 (B).
     pub haustral_aboral_fraction: Fraction,
-    /// Mass movements per day. Default 8 (6.9 to 10) [S].
+    /// Mass movements per day. Default 8 (6.9 to 10) (S).
     pub mass_rate_per_day: NonNegative,
-    /// Their speed, m/s. Default 0.022 [S].
+    /// Their speed, m/s. Default 0.022 (S).
     pub mass_speed_m_s: Positive,
-    /// Their run, m. Default 0.41 [S].
+    /// Their run, m. Default 0.41 (S).
     pub mass_run_m: Positive,
     /// Their amplitude. Default 0.95 [T, together with the width].
     pub mass_amplitude: Fraction,
-    /// Their width, m. Default 0.02 [T: a sequence moves content by 0.25 m [S], in generated colons and in one measured; one of
+    /// Their width, m. Default 0.02 [T: a sequence moves content by 0.25 m (S), in generated colons and in one measured; one of
     /// 0.9 and 0.03 slides over a capsule in bends of 20 mm. Only the pushing front is modelled: in manometry the wall stays
     /// contracted for more than 14 s behind it].
     pub mass_width_m: Positive,
     /// How far ahead of them haustra flatten, m. Default 0.2 [B; after Guyton and Hall, Textbook of Medical
     /// Physiology, where some 20 cm of colon distal to the constriction lose their haustra].
     pub mass_flattens_ahead_m: NonNegative,
-    /// Retrograde waves of sigmoid and rectum at one place, 1/s. Default 0.05: 3 per minute [S].
+    /// Retrograde waves of sigmoid and rectum at one place, 1/s. Default 0.05: 3 per minute (S).
     pub retrograde_rectosigmoid_rate_hz: NonNegative,
-    /// Their speed, m/s. Default 0.005 [B].
+    /// Their speed, m/s. Default 0.005 (B).
     pub retrograde_speed_m_s: Positive,
-    /// Their amplitude. Default 0.3 [B].
+    /// Their amplitude. Default 0.3 (B).
     pub retrograde_amplitude: Fraction,
-    /// Their run, m. Default 0.05 [B].
+    /// Their run, m. Default 0.05 (B).
     pub retrograde_run_m: Positive,
 }
 
@@ -483,7 +483,7 @@ impl ColonConfig {
             let name = format!("haustra/{}", segment.key);
             sites.push(site(&name, [segment.start_m, segment.end_m], self.haustral(), false));
         }
-        // Mass movements arise in the proximal half (caecum to transverse) [B] and run over what lies behind.
+        // Mass movements arise in the proximal half (caecum to transverse) (B) and run over what lies behind.
         let proximal = span_of(tract, &[Caecum, Ascending, Transverse]).unwrap_or(limits_m);
         sites.push(site("mass", proximal, self.mass(), true));
         if let Some(span_m) = span_of(tract, &[Sigmoid, Rectum]) {

@@ -7,7 +7,7 @@
 //! ```text
 //! B = t v + B_z h
 //! G = dB/dd = t (I - h h^T) + k v v^T + w (v h^T + h v^T) + q h h^T
-//! dB/dh     = (G [d]x - [B]x) [h]x             turning the axis = turning the field and the point back
+//! dB/dh     = (G [d]x - (B)x) [h]x             turning the axis = turning the field and the point back
 //! ```
 //!
 //! dB/dh is the derivative under rotations of the axis: `dB = (dB/dh) dh` for every `dh` perpendicular to `h`;

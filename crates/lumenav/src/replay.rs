@@ -16,6 +16,7 @@ use std::ops::Range;
 use std::path::Path;
 
 /// `[truth]` of a replay.
+#[expect(clippy::large_enum_variant, reason = "one value per run")]
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum TruthFileTable {

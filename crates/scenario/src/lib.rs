@@ -1,6 +1,6 @@
 //! Scenarios: the file that says what happens, and the worlds that make it true.
 //!
-//! [`file`] reads a scenario strictly. A [`World`] is stepped and asked for the truth: [`kinematic`] worlds
+//! [`mod@file`] reads a scenario strictly. A [`World`] is stepped and asked for the truth: [`kinematic`] worlds
 //! follow a path, a recording or a motion model; the [`engine`] moves a capsule through a living tract by forces.
 
 mod build;

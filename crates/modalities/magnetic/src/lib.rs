@@ -7,7 +7,7 @@
 //! |---|---|
 //! | world | [`sensor`] (noise, flaws, ambient field, disturbances, saturation, quantisation) |
 //! | estimator | [`front_end`] (`pose`, `flux`), [`model`] (raw readings for the filter) |
-//! | files | [`array`], [`config`], [`reader`] |
+//! | files | [`mod@array`], [`config`], [`reader`] |
 //!
 //! Source: B. Moussakhani, T. Ramstad, J. T. Flåm, I. Balasingham, "On localizing a capsule endoscope using magnetic sensors"
 //! (2012), with its equations 6 and 10 to 14 corrected. Not here yet: the set-up with sensors in the capsule.

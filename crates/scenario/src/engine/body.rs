@@ -75,7 +75,7 @@ pub enum Obstacle {
     },
 }
 
-/// Friction of rigid obstacles. A polished capsule on wet plastic or mucosa, [B].
+/// Friction of rigid obstacles. A polished capsule on wet plastic or mucosa, (B).
 const OBSTACLE_FRICTION: f64 = 0.1;
 
 /// Solver iterations of a capsule that meets nothing rigid: with nothing to solve, one integrates.

@@ -97,7 +97,7 @@ pub enum EngineError {
     },
 }
 
-/// `[engine]`: numbers of the engine. [S] stated by a source, [B] believed, [T] tuned here.
+/// `[engine]`: numbers of the engine. (S) stated by a source, (B) believed, (T) tuned here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EngineConfig {
@@ -111,13 +111,13 @@ pub struct EngineConfig {
     pub gravity_torso_m_s2: [Finite; 3],
     /// Segments without fluid: no buoyancy and no drag. Default none: bowels are prepared with litres of fluid.
     pub dry_segments: Vec<SegmentKey>,
-    /// Density of the fluid, kg/m³. Default 1000 [S].
+    /// Density of the fluid, kg/m³. Default 1000 (S).
     pub fluid_density_kg_m3: NonNegative,
     /// Viscosity of the fluid, Pa s. Default 0.001, water.
     pub fluid_viscosity_pa_s: NonNegative,
     /// Drag coefficient of a short cylinder across. Default 1 (0.6 to 1.2 over the Reynolds numbers met, Hoerner 1965).
     pub drag_coefficient: NonNegative,
-    /// Adhesion of the wall, N: Coulomb-like, for the capsule as a whole. Default 0.025 [B].
+    /// Adhesion of the wall, N: Coulomb-like, for the capsule as a whole. Default 0.025 (B).
     pub coulomb_newton: NonNegative,
     /// Slip speed at which friction is fully developed, m/s. Default 2e-6 [T to "no transport without waves": with the 2e-4 first
     /// proposed, a capsule creeps 7 mm a minute down a slope].
@@ -125,14 +125,14 @@ pub struct EngineConfig {
     /// Viscous friction of a wall all around the capsule, N s/m. Default 15 [B: 91 mN of traction at 1 to 5 mm/s].
     pub viscous_newton_s_per_m: NonNegative,
     /// How much stiffer a fully contracted wall is than a resting one: k (1 + this x closed fraction). Default 14 [T to "a mass
-    /// movement of the colon takes the capsule along"; muscle in tone is stiff, and its pressure of 14 kPa [S] on the capsule's
+    /// movement of the colon takes the capsule along"; muscle in tone is stiff, and its pressure of 14 kPa (S) on the capsule's
     /// cross-section would be 1.3 N].
     pub contraction_stiffening: NonNegative,
-    /// Stiffness of a closed end, N/m. Default 200 [B]: the capsule's weight makes 0.05 mm.
+    /// Stiffness of a closed end, N/m. Default 200 (B): the capsule's weight makes 0.05 mm.
     pub cap_stiffness_newton_per_m: Positive,
-    /// Damping of a closed end, N s/m. Default 8, that of a ring [B].
+    /// Damping of a closed end, N s/m. Default 8, that of a ring (B).
     pub cap_damping_newton_s_per_m: NonNegative,
-    /// A capsule that has not moved by `stalled_distance_m` for so long is `stalled`, s. Default 600 [B].
+    /// A capsule that has not moved by `stalled_distance_m` for so long is `stalled`, s. Default 600 (B).
     pub stalled_after_s: Positive,
     /// And for so long, `retained`, s. Default 21600 (6 h) [B: above the longest rest between two mass movements expected].
     pub retained_after_s: Positive,

@@ -69,13 +69,13 @@ const MOST_STRETCH: f64 = 1.5;
 const SPARE_M: f64 = 2e-3;
 /// How far the capsule's middle presses into the resting wall before the tissue is taut, m [the wall gives way by 2 to 3 mm by design].
 const COMPLIANT_M: f64 = 2e-3;
-/// Stiffness of taut tissue, N/m: at the tolerance of 3 mm it bears 5 N, ten times the largest force of a magnet or a wave [B].
+/// Stiffness of taut tissue, N/m: at the tolerance of 3 mm it bears 5 N, ten times the largest force of a magnet or a wave (B).
 const TAUT_NEWTON_PER_M: f64 = 1000.0;
 /// Penetration over which that doubles, m.
 const TAUTER_M: f64 = 0.25e-3;
 /// `q/q_t` for a capsule that comes from further away than a step ago: what it has at the tolerance.
 const TAUT_IN_ADVANCE: f64 = 4.0;
-/// Its damping, N s/m, that of a ring [B].
+/// Its damping, N s/m, that of a ring (B).
 const TAUT_NEWTON_S_PER_M: f64 = 8.0;
 /// Iterations of friction and of which contacts push.
 const MOST_ITERATIONS: usize = 8;
