@@ -13,9 +13,10 @@ check:
 test:
     cargo test --workspace
 
-# Full-size acceptance; writes docs/validation/foundation.json.
+# Full-size acceptance; writes docs/validation/foundation.json. On a machine that does nothing else.
 validate:
-    bash tests/validate.sh
+    cargo build --release
+    cargo run --release --example validate -- foundation
 
 # Benches, each beside its crate.
 bench:

@@ -331,7 +331,7 @@ fn nees(model: &LineModel, runs: u64, windows: u64) -> AcrossRunsSummary {
     let start = Vector3::new(0.2, -0.1, 0.3);
     let prior = prior(sigma_m, &start, sigma_rad);
     let truthful = LineModel { complete_data: false, ..model.clone() };
-    let mut collection = NeesAcrossRuns::new(6);
+    let mut collection = NeesAcrossRuns::new(6).unwrap();
     for seed in 0..runs {
         let streams = RandomStreams::new(seed, 0, "lines");
         let mut stream = streams.stream("start", 0);
@@ -357,7 +357,7 @@ fn nees(model: &LineModel, runs: u64, windows: u64) -> AcrossRunsSummary {
             let covariance: Matrix6<f64> = belief.covariance.fixed_view::<6, 6>(0, 0).into_owned();
             values.push(quadratic_form(&error, &covariance).unwrap());
         }
-        collection.push_run(&values);
+        collection.push_run((0..).zip(values));
     }
     collection.summary().unwrap()
 }

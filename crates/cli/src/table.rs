@@ -1,9 +1,8 @@
 //! The tables that `run` and `replay` print.
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
-use lumenav::core::RandomStreams;
-use lumenav::evaluation::monte_carlo::bootstrap::{BootstrapSettings, mean_with_interval};
-use lumenav::report::{Metrics, Timing, TrackMetrics};
+use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
+use lumenav::report::{Metrics, Timing, TrackMetrics, Trials};
 
 fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
@@ -73,43 +72,47 @@ fn refusals(track: &TrackMetrics) -> Option<String> {
     Some(format!("refused: {}", all.join(", ")))
 }
 
-/// Means over trials with 95 % intervals.
-pub fn of_trials(all: &[Metrics]) -> String {
+/// Means over trials with 95 % intervals, then the comparisons in words.
+pub fn of_trials(trials: &Trials) -> String {
     let mut table = new_table(&[
         "track",
         "trials",
         "mean mm (95 %)",
         "rmse mm (95 %)",
         "worst mm",
+        "available (worst)",
         "NEES/dof",
-        "available",
+        "steps in band",
+        "in 90 % region",
     ]);
-    let Some(first) = all.first() else { return table.to_string() };
-    for name in first.tracks.keys() {
-        let tracks: Vec<&TrackMetrics> = all.iter().filter_map(|m| m.tracks.get(name)).collect();
-        let values = |f: &dyn Fn(&TrackMetrics) -> Option<f64>| -> Vec<f64> {
-            tracks.iter().filter_map(|t| f(t)).collect()
-        };
-        let mut random = RandomStreams::new(0, 0, "table").stream("bootstrap", 0);
-        let mut with_interval =
-            |values: &[f64]| match mean_with_interval(values, &BootstrapSettings::default(), &mut random) {
-                Ok(m) => format!("{:.3} ({:.3} to {:.3})", m.mean, m.lower, m.upper),
-                Err(_) => values.first().map_or_else(|| "-".to_owned(), |v| format!("{v:.3}")),
-            };
-        let mean =
-            |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-        let position = |f: fn(&lumenav::evaluation::summary::ScalarSummary) -> f64| {
-            values(&|t| t.position_error_mm.as_ref().map(f))
-        };
+    let with_interval = |m: &Option<MeanInterval>| {
+        m.as_ref()
+            .map_or_else(|| "-".to_owned(), |m| format!("{:.3} ({:.3} to {:.3})", m.mean, m.lower, m.upper))
+    };
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let dash = || "-".to_owned();
+    for (name, t) in &trials.tracks {
+        let across = t.nees.as_ref().map(|n| &n.across);
         table.add_row(vec![
             name.clone(),
-            tracks.len().to_string(),
-            with_interval(&position(|s| s.mean)),
-            with_interval(&position(|s| s.rmse)),
-            number(position(|s| s.max).into_iter().reduce(f64::max), 3),
-            number(mean(values(&|t| t.nees.as_ref().map(|n| n.mean / n.dof as f64))), 2),
-            number(mean(values(&|t| t.availability.map(|a| 100.0 * a))), 1) + " %",
+            t.trials.to_string(),
+            with_interval(&t.mean_error_mm),
+            with_interval(&t.rmse_mm),
+            number(t.worst_mm, 3),
+            t.availability.map_or_else(dash, |a| format!("{} ({})", percent(a.mean), percent(a.worst))),
+            number(across.map(|a| a.mean_per_dof), 2),
+            across.map_or_else(dash, |a| percent(a.share_inside_95)),
+            across.map_or_else(dash, |a| percent(a.coverage_90)),
         ]);
     }
-    table.to_string()
+    let mut text = table.to_string();
+    for (name, t) in &trials.tracks {
+        if let Some(verdict) = &t.verdict {
+            text = format!("{text}\n{name}: {verdict}");
+        }
+    }
+    for pair in &trials.comparisons {
+        text = format!("{text}\n{}", pair.sentence);
+    }
+    text
 }

@@ -71,8 +71,8 @@ fn run(steps: usize, belief: f64, reading_belief: f64, rng: &mut Pcg64Mcg) -> Ru
 
 fn across(runs: usize, steps: usize, belief: f64) -> NeesAcrossRuns {
     let mut rng = Pcg64Mcg::seed_from_u64(101);
-    let mut collection = NeesAcrossRuns::new(3);
-    (0..runs).for_each(|_| collection.push_run(&run(steps, belief, belief, &mut rng).nees));
+    let mut collection = NeesAcrossRuns::new(3).unwrap();
+    (0..runs).for_each(|_| collection.push_run((0..).zip(run(steps, belief, belief, &mut rng).nees)));
     collection
 }
 

@@ -136,6 +136,9 @@ pub struct TrackUpdate<'a> {
     pub weakest: (f64, Vector3<f64>),
     /// True where this update started or restarted the track.
     pub started: bool,
+    /// False where the measurement was refused and the estimate is the prediction alone: it is judged like any other, so
+    /// that a track cannot look better by refusing what it got wrong.
+    pub accepted: bool,
     /// The truth at the estimate's time stamp.
     pub truth: Option<&'a CapsuleTruth>,
     /// The comparison with it.

@@ -255,6 +255,7 @@ fn tell_step(
             block.eigenvectors.column(largest).into_owned(),
         ),
         started: step.started,
+        accepted: step.refusal.is_none(),
         truth: truth.as_ref(),
         error: error.as_ref(),
         compute_s: step.compute_s,

@@ -9,6 +9,7 @@
 //! | `truth.tum`, `<track>.tum` | [`TumObserver`] | [`read_tum`] |
 //! | `events.jsonl` | [`EventsObserver`] | [`read_events`], [`for_each_event`] |
 //! | `readings/` | [`ReadingsObserver`] | `lumenav replay` |
+//! | `trials.json` | [`write_trials`] | [`read_json`] |
 //!
 //! [`RunWriter`] is all of them in a [`RunFolder`] that appears whole or not at all. [`write_tum`], [`write_kitti`] and
 //! [`write_csv`] export single tracks. Equal runs give equal bytes, `timing.json` excepted. Memory does not grow with the
@@ -24,6 +25,7 @@ mod readings;
 mod row;
 mod timing;
 mod tracks;
+mod trials;
 mod tum;
 mod writer;
 
@@ -40,5 +42,9 @@ pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
 pub use timing::{Timing, TimingObserver, TrackTiming};
 pub use tracks::{TRACKS_SCHEMA_VERSION, TracksInfo, TracksObserver, for_each_track_row, read_tracks};
+pub use trials::{
+    Availability, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, Trials, TrialsCollector, TrialsOfTrack,
+    write_trials,
+};
 pub use tum::{StampedPose, TumObserver, read_tum, write_kitti, write_tum};
 pub use writer::{RunWriter, WriterOptions};

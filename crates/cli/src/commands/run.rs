@@ -6,7 +6,9 @@ use crate::table;
 use anyhow::{Context as _, bail};
 use lumenav::pipeline::{Observers, RunError, RunObserver, RunSummary, simulate};
 use lumenav::recording::{RecorderOptions, RrdRecorder};
-use lumenav::report::{Metrics, RunWriter, Timing, WriterOptions, read_json};
+use lumenav::report::{
+    Metrics, RunWriter, Timing, Trials, TrialsCollector, WriterOptions, read_json, write_trials,
+};
 use lumenav::scenario::ScenarioFile;
 use lumenav::{check, default_registry, open_scenario, stage};
 use rayon::prelude::*;
@@ -168,7 +170,7 @@ fn run_trials(
             .with_max_len(1)
             .map(|trial| {
                 let trial = trial as u64;
-                let folder = out.join("trials").join(format!("{trial:03}"));
+                let folder = trial_folder(out, trial);
                 let done = one_run(file, seed, trial, &folder, &options, &mut Progress::new(false), stop);
                 bar.inc(1);
                 done.map(|(_, metrics)| metrics).with_context(|| format!("trial {trial}"))
@@ -176,27 +178,41 @@ fn run_trials(
             .collect()
     });
     bar.finish_and_clear();
-    let mut metrics = Vec::new();
+    let mut collector = TrialsCollector::default();
     let mut failures = Vec::new();
-    for result in results {
+    for (trial, result) in results.into_iter().enumerate() {
         match result {
-            Ok(m) => metrics.push(m),
-            Err(error) => failures.push(error),
+            Ok(metrics) => collector.push(&metrics, &trial_folder(out, trial as u64))?,
+            Err(error) => {
+                collector.push_failed();
+                failures.push(error);
+            }
         }
     }
-    if options.json {
-        println!("{}", serde_json::to_string_pretty(&metrics)?);
-    } else if verbosity == Verbosity::Normal {
-        println!("{}", table::of_trials(&metrics));
-        println!(
-            "seed {seed}, trials 0 to {}; {} failed; wrote {}",
-            options.trials - 1,
-            failures.len(),
-            out.display()
-        );
+    if failures.len() < options.trials as usize {
+        let trials = collector.finish()?;
+        write_trials(out, &trials)?;
+        print_trials(&trials, out, options.json, verbosity)?;
     }
     match failures.into_iter().next() {
         Some(first) => Err(first),
         None => Ok(()),
     }
+}
+
+/// `OUT/trials/NNN`.
+fn trial_folder(out: &Path, trial: u64) -> PathBuf {
+    out.join("trials").join(format!("{trial:03}"))
+}
+
+fn print_trials(trials: &Trials, out: &Path, json: bool, verbosity: Verbosity) -> anyhow::Result<()> {
+    if json {
+        println!("{}", serde_json::to_string_pretty(trials)?);
+    } else if verbosity == Verbosity::Normal {
+        println!("{}", table::of_trials(trials));
+        let last = trials.trials - 1;
+        let (seed, failed, out) = (trials.seed, trials.failed, out.display());
+        println!("seed {seed}, trials 0 to {last}; {failed} failed; wrote {out}: trials.json  trials/");
+    }
+    Ok(())
 }

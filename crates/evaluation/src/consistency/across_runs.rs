@@ -7,8 +7,10 @@
 //! Runs are independent, so at one step the band is exact for a linear-Gaussian filter whose truth is drawn
 //! from its own model. Steps are not independent of each other; therefore the share of steps in the band is
 //! judged with slack ([`super::verdict::CONSISTENT_SHARE_OF_STEPS`]), not by a further test.
+//!
+//! Beside it the coverage of credible regions over all runs and steps: `share of NEES <= chi2_p(dof)`, nominally p.
 
-use crate::chi_square::{Band, mean_chi_square_band};
+use crate::chi_square::{Band, chi_square_quantile, mean_chi_square_band};
 use crate::error::EvaluationError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -30,14 +32,25 @@ pub struct AcrossRunsSummary {
     pub share_above_95: f64,
     /// Share of steps below it.
     pub share_below_95: f64,
+    /// Share of all updates with the truth in the 50 % credible region.
+    pub coverage_50: f64,
+    /// Share of all updates with the truth in the 90 % credible region.
+    pub coverage_90: f64,
+    /// Share of all updates with the truth in the 95 % credible region.
+    pub coverage_95: f64,
 }
 
 /// Collects NEES per step over runs; memory is that of one run.
+///
+/// A step is any whole number that means the same in every run: an index, or a time in nanoseconds.
 #[derive(Debug, Clone)]
 pub struct NeesAcrossRuns {
     dof: usize,
     runs: usize,
-    steps: Vec<Step>,
+    steps: BTreeMap<i64, Step>,
+    /// Ends of the 50, 90 and 95 % regions, and how many updates lie inside each.
+    regions: [f64; 3],
+    covered: [usize; 3],
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -48,28 +61,39 @@ struct Step {
 
 impl NeesAcrossRuns {
     /// Starts a collection of NEES values of `dof` degrees of freedom.
-    pub fn new(dof: usize) -> Self {
-        Self { dof, runs: 0, steps: Vec::new() }
+    ///
+    /// # Errors
+    /// `dof` is zero.
+    pub fn new(dof: usize) -> Result<Self, EvaluationError> {
+        let region = |share| chi_square_quantile(dof as f64, share);
+        let regions = [region(0.5)?, region(0.9)?, region(0.95)?];
+        Ok(Self { dof, runs: 0, steps: BTreeMap::new(), regions, covered: [0; 3] })
     }
 
-    /// Takes the NEES of each step of one run; a value that is not finite stands for a step without estimate,
-    /// runs may differ in length. Runs must come in the order of their trials, so that sums do not depend on
-    /// threads.
-    pub fn push_run(&mut self, nees_per_step: &[f64]) {
+    /// Degrees of freedom of one NEES.
+    pub fn dof(&self) -> usize {
+        self.dof
+    }
+
+    /// Takes the steps of one run with their NEES; a value that is not finite stands for a step without estimate, runs may
+    /// differ in length. Runs must come in the order of their trials, so that sums do not depend on threads.
+    pub fn push_run(&mut self, steps: impl IntoIterator<Item = (i64, f64)>) {
         self.runs += 1;
-        let length = self.steps.len().max(nees_per_step.len());
-        self.steps.resize(length, Step::default());
-        for (step, value) in self.steps.iter_mut().zip(nees_per_step) {
+        for (at, value) in steps {
+            let step = self.steps.entry(at).or_default();
             if value.is_finite() {
                 step.sum += value;
                 step.count += 1;
+                for (covered, region) in self.covered.iter_mut().zip(self.regions) {
+                    *covered += usize::from(value <= region);
+                }
             }
         }
     }
 
     /// Mean NEES over the runs at each step; `None` at steps without estimate.
     pub fn means(&self) -> Vec<Option<f64>> {
-        self.steps.iter().map(|step| (step.count > 0).then(|| step.sum / step.count as f64)).collect()
+        self.steps.values().map(|step| (step.count > 0).then(|| step.sum / step.count as f64)).collect()
     }
 
     /// The 95 % band of the mean NEES at each step, for a plot; `None` at steps without estimate.
@@ -79,7 +103,7 @@ impl NeesAcrossRuns {
     pub fn bands_95(&self) -> Result<Vec<Option<Band>>, EvaluationError> {
         let mut known = BTreeMap::new();
         let mut bands = Vec::with_capacity(self.steps.len());
-        for step in &self.steps {
+        for step in self.steps.values() {
             if step.count > 0 && !known.contains_key(&step.count) {
                 known.insert(step.count, mean_chi_square_band(self.dof, step.count, 0.95)?);
             }
@@ -103,7 +127,7 @@ impl NeesAcrossRuns {
     pub fn summary(&self) -> Result<AcrossRunsSummary, EvaluationError> {
         let bands = self.bands_95()?;
         let (mut steps, mut above, mut below, mut sum, mut count) = (0, 0, 0, 0.0, 0);
-        for ((step, mean), band) in self.steps.iter().zip(self.means()).zip(bands) {
+        for ((step, mean), band) in self.steps.values().zip(self.means()).zip(bands) {
             let (Some(mean), Some(band)) = (mean, band) else { continue };
             steps += 1;
             above += usize::from(mean > band.upper);
@@ -123,6 +147,9 @@ impl NeesAcrossRuns {
             share_inside_95: share(steps - above - below),
             share_above_95: share(above),
             share_below_95: share(below),
+            coverage_50: self.covered[0] as f64 / count as f64,
+            coverage_90: self.covered[1] as f64 / count as f64,
+            coverage_95: self.covered[2] as f64 / count as f64,
         })
     }
 }
@@ -134,10 +161,10 @@ mod tests {
 
     #[test]
     fn closed_form_gaps_and_lengths() {
-        let mut runs = NeesAcrossRuns::new(2);
+        let mut runs = NeesAcrossRuns::new(2).unwrap();
         assert!(runs.summary().is_err());
-        runs.push_run(&[2.0, f64::NAN, 40.0]);
-        runs.push_run(&[4.0]);
+        runs.push_run([(10, 2.0), (20, f64::NAN), (30, 40.0)]);
+        runs.push_run([(10, 4.0)]);
         assert_eq!(runs.means(), vec![Some(3.0), None, Some(40.0)]);
         let bands = runs.bands_95().unwrap();
         assert!(bands[1].is_none());
@@ -150,6 +177,12 @@ mod tests {
             (0.5, 0.5, 0.0)
         );
         assert_relative_eq!(summary.mean_per_dof, 46.0 / 6.0);
+        // Regions of 2 dof end at -2 ln(1 - p): 1.39, 4.61, 5.99.
+        assert_eq!(
+            (summary.coverage_50, summary.coverage_90, summary.coverage_95),
+            (0.0, 2.0 / 3.0, 2.0 / 3.0)
+        );
+        assert!(NeesAcrossRuns::new(0).is_err());
         assert_eq!(runs.share_of_steps_within(Band { lower: 0.85, upper: 1.6 }), Some(0.5));
     }
 }

@@ -91,8 +91,8 @@ fn run(steps: u64, told: Told, seed: u64) -> Run {
 }
 
 fn across(runs: u64, told: Told) -> AcrossRunsSummary {
-    let mut collection = NeesAcrossRuns::new(6);
-    (0..runs).for_each(|seed| collection.push_run(&run(60, told, 1000 + seed).nees));
+    let mut collection = NeesAcrossRuns::new(6).unwrap();
+    (0..runs).for_each(|seed| collection.push_run((0..).zip(run(60, told, 1000 + seed).nees)));
     collection.summary().unwrap()
 }
 

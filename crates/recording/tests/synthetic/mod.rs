@@ -237,6 +237,7 @@ fn step_track(
         nis: (step > 0).then_some((46.0 + t.sin(), 48.0)),
         weakest: (sigma_m[2], Vector3::z()),
         started: step == 0,
+        accepted: true,
         truth: Some(truth),
         error: Some(&error),
         compute_s: 1e-4,
