@@ -63,14 +63,6 @@ pub fn chi_square_band(dof: f64, share: f64) -> Result<Band, EvaluationError> {
     Ok(Band { lower: chi_square_quantile(dof, tail)?, upper: chi_square_quantile(dof, 1.0 - tail)? })
 }
 
-/// The band of the mean of `count` independent chi-square variables of `dof` degrees of freedom each.
-///
-/// # Errors
-/// As [`chi_square_quantile`].
-pub fn mean_chi_square_band(dof: usize, count: usize, share: f64) -> Result<Band, EvaluationError> {
-    Ok(chi_square_band(dof as f64 * count as f64, share)?.divided_by(count as f64))
-}
-
 fn chi_squared(dof: f64) -> Result<ChiSquared, EvaluationError> {
     let out_of_range = EvaluationError::OutOfRange {
         what: "degrees of freedom",
@@ -126,7 +118,6 @@ mod tests {
         assert!(chi_square_band(3.0, 1.0).is_err());
         assert!(chi_square_tail(3.0, f64::NAN).is_err());
         assert_eq!(chi_square_tail(3.0, -1.0), Ok(1.0));
-        assert!(mean_chi_square_band(3, 0, 0.95).is_err());
         assert!(!Band { lower: 0.0, upper: 1.0 }.contains(f64::NAN));
     }
 }

@@ -49,6 +49,7 @@
 pub mod bound;
 pub mod chi_square;
 pub mod consistency;
+pub mod displacement;
 pub mod error;
 pub mod monte_carlo;
 pub mod pose_error;

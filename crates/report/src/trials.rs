@@ -81,8 +81,6 @@ pub struct NeesOverTrials {
     pub across: AcrossRunsSummary,
     /// Share of the instants whose mean per degree of freedom lies in [`NONLINEAR_BAND`].
     pub share_within_085_125: f64,
-    /// Updates left out because they have other degrees of freedom than the first with a NEES.
-    pub other_dof: u64,
 }
 
 /// Two tracks on the same trials.
@@ -237,7 +235,6 @@ impl Collected {
             Ok(NeesOverTrials {
                 across: nees.summary()?,
                 share_within_085_125: nees.share_of_steps_within(NONLINEAR_BAND).unwrap_or(0.0),
-                other_dof: self.other_dof,
             })
         });
         let nees = nees.transpose()?;

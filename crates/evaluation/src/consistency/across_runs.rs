@@ -4,13 +4,15 @@
 //! mean_k = (1/N) sum_runs NEES_k,    N mean_k ~ chi2(N dof)
 //! ```
 //!
+//! Where runs differ in their degrees of freedom at a step (one knows its roll, another does not), `N dof` is their sum.
+//!
 //! Runs are independent, so at one step the band is exact for a linear-Gaussian filter whose truth is drawn
 //! from its own model. Steps are not independent of each other; therefore the share of steps in the band is
 //! judged with slack ([`super::verdict::CONSISTENT_SHARE_OF_STEPS`]), not by a further test.
 //!
 //! Beside it the coverage of credible regions over all runs and steps: `share of NEES <= chi2_p(dof)`, nominally p.
 
-use crate::chi_square::{Band, chi_square_quantile, mean_chi_square_band};
+use crate::chi_square::{Band, chi_square_band, chi_square_quantile};
 use crate::error::EvaluationError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -18,8 +20,8 @@ use std::collections::BTreeMap;
 /// How the mean NEES over runs lies to its band.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AcrossRunsSummary {
-    /// Degrees of freedom of one NEES.
-    pub dof: usize,
+    /// Mean degrees of freedom of one NEES.
+    pub dof: f64,
     /// Number of runs.
     pub runs: usize,
     /// Steps at which any run gave a NEES.
@@ -48,8 +50,9 @@ pub struct NeesAcrossRuns {
     dof: usize,
     runs: usize,
     steps: BTreeMap<i64, Step>,
-    /// Ends of the 50, 90 and 95 % regions, and how many updates lie inside each.
-    regions: [f64; 3],
+    /// Ends of the 50, 90 and 95 % regions by degrees of freedom.
+    regions: BTreeMap<usize, [f64; 3]>,
+    /// How many updates lie inside each.
     covered: [usize; 3],
 }
 
@@ -57,38 +60,68 @@ pub struct NeesAcrossRuns {
 struct Step {
     sum: f64,
     count: usize,
+    total_dof: usize,
+}
+
+impl Step {
+    /// The band of the mean.
+    fn band_95(&self) -> Result<Band, EvaluationError> {
+        Ok(chi_square_band(self.total_dof as f64, 0.95)?.divided_by(self.count as f64))
+    }
 }
 
 impl NeesAcrossRuns {
-    /// Starts a collection of NEES values of `dof` degrees of freedom.
+    /// Starts a collection of NEES values, of `dof` degrees of freedom where nothing else is said.
     ///
     /// # Errors
     /// `dof` is zero.
     pub fn new(dof: usize) -> Result<Self, EvaluationError> {
-        let region = |share| chi_square_quantile(dof as f64, share);
-        let regions = [region(0.5)?, region(0.9)?, region(0.95)?];
-        Ok(Self { dof, runs: 0, steps: BTreeMap::new(), regions, covered: [0; 3] })
+        let mut collection =
+            Self { dof, runs: 0, steps: BTreeMap::new(), regions: BTreeMap::new(), covered: [0; 3] };
+        collection.regions_of(dof)?;
+        Ok(collection)
     }
 
-    /// Degrees of freedom of one NEES.
-    pub fn dof(&self) -> usize {
-        self.dof
+    fn regions_of(&mut self, dof: usize) -> Result<[f64; 3], EvaluationError> {
+        if let Some(known) = self.regions.get(&dof) {
+            return Ok(*known);
+        }
+        let region = |share| chi_square_quantile(dof as f64, share);
+        let regions = [region(0.5)?, region(0.9)?, region(0.95)?];
+        self.regions.insert(dof, regions);
+        Ok(regions)
     }
 
     /// Takes the steps of one run with their NEES; a value that is not finite stands for a step without estimate, runs may
     /// differ in length. Runs must come in the order of their trials, so that sums do not depend on threads.
     pub fn push_run(&mut self, steps: impl IntoIterator<Item = (i64, f64)>) {
+        let dof = self.dof;
+        // Fails only for zero degrees of freedom, which `new` has refused.
+        let _ = self.push_run_of(steps.into_iter().map(|(at, value)| (at, dof, value)));
+    }
+
+    /// As [`Self::push_run`], where each step has degrees of freedom of its own: step, degrees of freedom, NEES.
+    ///
+    /// # Errors
+    /// Zero degrees of freedom.
+    pub fn push_run_of(
+        &mut self,
+        steps: impl IntoIterator<Item = (i64, usize, f64)>,
+    ) -> Result<(), EvaluationError> {
         self.runs += 1;
-        for (at, value) in steps {
+        for (at, dof, value) in steps {
+            let regions = self.regions_of(dof)?;
             let step = self.steps.entry(at).or_default();
             if value.is_finite() {
                 step.sum += value;
                 step.count += 1;
-                for (covered, region) in self.covered.iter_mut().zip(self.regions) {
+                step.total_dof += dof;
+                for (covered, region) in self.covered.iter_mut().zip(regions) {
                     *covered += usize::from(value <= region);
                 }
             }
         }
+        Ok(())
     }
 
     /// Mean NEES over the runs at each step; `None` at steps without estimate.
@@ -101,23 +134,16 @@ impl NeesAcrossRuns {
     /// # Errors
     /// `dof` is zero.
     pub fn bands_95(&self) -> Result<Vec<Option<Band>>, EvaluationError> {
-        let mut known = BTreeMap::new();
-        let mut bands = Vec::with_capacity(self.steps.len());
-        for step in self.steps.values() {
-            if step.count > 0 && !known.contains_key(&step.count) {
-                known.insert(step.count, mean_chi_square_band(self.dof, step.count, 0.95)?);
-            }
-            bands.push(known.get(&step.count).copied());
-        }
-        Ok(bands)
+        self.steps.values().map(|step| (step.count > 0).then(|| step.band_95()).transpose()).collect()
     }
 
     /// Share of the steps whose mean NEES per degree of freedom lies in `band` (the nonlinear matched case is
     /// judged by 0.85 to 1.25); `None` without steps.
     pub fn share_of_steps_within(&self, band: Band) -> Option<f64> {
-        let means: Vec<f64> = self.means().into_iter().flatten().collect();
-        let inside = means.iter().filter(|&&mean| band.contains(mean / self.dof as f64)).count();
-        (!means.is_empty()).then(|| inside as f64 / means.len() as f64)
+        let judged = || self.steps.values().filter(|step| step.count > 0);
+        let inside = judged().filter(|step| band.contains(step.sum / step.total_dof as f64)).count();
+        let steps = judged().count();
+        (steps > 0).then(|| inside as f64 / steps as f64)
     }
 
     /// The figures against the 95 % band.
@@ -126,7 +152,7 @@ impl NeesAcrossRuns {
     /// No step has an estimate; `dof` is zero.
     pub fn summary(&self) -> Result<AcrossRunsSummary, EvaluationError> {
         let bands = self.bands_95()?;
-        let (mut steps, mut above, mut below, mut sum, mut count) = (0, 0, 0, 0.0, 0);
+        let (mut steps, mut above, mut below, mut sum, mut count, mut total_dof) = (0, 0, 0, 0.0, 0, 0);
         for ((step, mean), band) in self.steps.values().zip(self.means()).zip(bands) {
             let (Some(mean), Some(band)) = (mean, band) else { continue };
             steps += 1;
@@ -134,16 +160,17 @@ impl NeesAcrossRuns {
             below += usize::from(mean < band.lower);
             sum += step.sum;
             count += step.count;
+            total_dof += step.total_dof;
         }
         if steps == 0 {
             return Err(EvaluationError::TooFew { what: "NEES across runs", needed: 1, given: 0 });
         }
         let share = |number: usize| number as f64 / steps as f64;
         Ok(AcrossRunsSummary {
-            dof: self.dof,
+            dof: total_dof as f64 / count as f64,
             runs: self.runs,
             steps,
-            mean_per_dof: sum / (count as f64 * self.dof as f64),
+            mean_per_dof: sum / total_dof as f64,
             share_inside_95: share(steps - above - below),
             share_above_95: share(above),
             share_below_95: share(below),
@@ -184,5 +211,23 @@ mod tests {
         );
         assert!(NeesAcrossRuns::new(0).is_err());
         assert_eq!(runs.share_of_steps_within(Band { lower: 0.85, upper: 1.6 }), Some(0.5));
+    }
+
+    #[test]
+    fn closed_form_steps_of_mixed_degrees_of_freedom() {
+        let mut runs = NeesAcrossRuns::new(5).unwrap();
+        runs.push_run_of([(1, 5, 4.0), (2, 6, 9.0)]).unwrap();
+        runs.push_run_of([(1, 6, 8.0), (2, 6, 3.0)]).unwrap();
+        let summary = runs.summary().unwrap();
+        assert_relative_eq!(summary.dof, 23.0 / 4.0);
+        assert_relative_eq!(summary.mean_per_dof, 24.0 / 23.0);
+        // The sum at step 1 has 11 degrees of freedom.
+        let band = runs.bands_95().unwrap()[0].unwrap();
+        assert_relative_eq!(
+            band.upper * 2.0,
+            chi_square_quantile(11.0, 0.975).unwrap(),
+            max_relative = 1e-12
+        );
+        assert!(runs.push_run_of([(1, 0, 1.0)]).is_err());
     }
 }
