@@ -5,14 +5,13 @@
     reason = "world side: a reference trajectory is compared with, never estimated from"
 )]
 
-use lumenav_core::config::quantity::Finite;
-use lumenav_core::pose::{exp_so3, interpolate};
-use lumenav_core::{CapsuleTruth, ModalityError, Node, SimTime, TruthView};
+use lumenav_core::config::quantity::{Finite, NonNegative};
+use lumenav_core::pose::{exp_so3, interpolate, log_so3};
+use lumenav_core::{CapsuleTruth, ModalityError, Node, SimTime};
 use lumenav_records::{Table, tum};
 use lumenav_scenario::{ScenarioError, ScenarioFile};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
 use std::path::Path;
 
 /// `[truth]` of a replay.
@@ -24,6 +23,10 @@ pub enum TruthFileTable {
     Tum {
         /// The file, relative to the replay.
         file: String,
+        /// Longest gap between rows across which the pose is interpolated, s. Default 0.5: a capsule at the colon's fastest
+        /// moves by a centimetre in it.
+        #[serde(default = "half_a_second")]
+        max_gap_s: NonNegative,
     },
     /// Columns of a CSV file; rows with the same `reading` entry are one instant.
     Csv {
@@ -44,26 +47,35 @@ pub enum TruthFileTable {
         /// Added to the positions, mm.
         #[serde(default)]
         origin_mm: [Finite; 3],
+        /// As for `tum`.
+        #[serde(default = "half_a_second")]
+        max_gap_s: NonNegative,
     },
+}
+
+fn half_a_second() -> NonNegative {
+    NonNegative(0.5)
 }
 
 /// A recorded reference, interpolated at constant twist.
 #[derive(Clone, Debug)]
 pub struct ReferenceTrajectory {
     poses: Vec<(SimTime, Isometry3<f64>)>,
+    max_gap_s: f64,
 }
 
 impl ReferenceTrajectory {
     fn read(node: &Node) -> Result<Self, ScenarioError> {
         let table: TruthFileTable = node.parse()?;
         let poses = match &table {
-            TruthFileTable::Tum { file } => tum::read(&node.existing_path("file", file)?)?,
+            TruthFileTable::Tum { file, .. } => tum::read(&node.existing_path("file", file)?)?,
             TruthFileTable::Csv { .. } => read_csv(node, &table)?,
         };
         if poses.is_empty() {
             return Err(node.error_at("file", "the reference holds no pose").into());
         }
-        Ok(Self { poses })
+        let (TruthFileTable::Tum { max_gap_s, .. } | TruthFileTable::Csv { max_gap_s, .. }) = &table;
+        Ok(Self { poses, max_gap_s: max_gap_s.0 })
     }
 }
 
@@ -77,6 +89,7 @@ fn read_csv(node: &Node, table: &TruthFileTable) -> Result<Vec<(SimTime, Isometr
         rotation_vector_rad,
         axis,
         origin_mm,
+        max_gap_s: _,
     } = table
     else {
         return Ok(Vec::new());
@@ -123,35 +136,46 @@ fn read_csv(node: &Node, table: &TruthFileTable) -> Result<Vec<(SimTime, Isometr
     Ok(poses)
 }
 
-impl TruthView for ReferenceTrajectory {
-    fn interval(&self) -> Range<SimTime> {
-        // `read` refuses an empty reference.
-        self.poses.first().map_or(SimTime::ZERO, |p| p.0)..self.poses.last().map_or(SimTime::ZERO, |p| p.0)
-    }
-
-    fn capsule(&self, at: SimTime) -> CapsuleTruth {
+impl ReferenceTrajectory {
+    /// The pose at an instant, with the twist of the stretch it lies in; `None` before the first row, after the last, and in
+    /// gaps of more than `max_gap_s`: what was not recorded is not known, and nothing is judged by it.
+    pub fn at(&self, at: SimTime) -> Option<CapsuleTruth> {
         let after = self.poses.partition_point(|(t, _)| *t < at);
-        let pose = match (after.checked_sub(1).and_then(|i| self.poses.get(i)), self.poses.get(after)) {
-            (_, Some((t, pose))) if *t == at => *pose,
-            (Some((ta, a)), Some((tb, b))) => interpolate(a, b, at.since_s(*ta) / tb.since_s(*ta)),
-            (Some((_, pose)), None) | (None, Some((_, pose))) => *pose,
-            (None, None) => Isometry3::identity(),
+        let next = self.poses.get(after);
+        let before = after.checked_sub(1).and_then(|i| self.poses.get(i));
+        let exact = next.filter(|(t, _)| *t == at);
+        let stretch = match exact {
+            Some(exact) => before.map(|b| (b, exact)).or_else(|| Some((exact, self.poses.get(after + 1)?))),
+            None => before.zip(next),
         };
-        CapsuleTruth {
+        let stretch = stretch.filter(|(a, b)| b.0.since_s(a.0) <= self.max_gap_s);
+        let (pose, twist) = match (exact, stretch) {
+            (Some((_, pose)), None) => (*pose, (Vector3::zeros(), Vector3::zeros())),
+            (Some((_, pose)), Some((a, b))) => (*pose, twist(a, b)),
+            (None, Some((a, b))) => {
+                (interpolate(&a.1, &b.1, at.since_s(a.0) / b.0.since_s(a.0)), twist(a, b))
+            }
+            (None, None) => return None,
+        };
+        Some(CapsuleTruth {
             at,
             world_from_capsule: pose,
-            velocity_world_m_s: Vector3::zeros(),
-            angular_rate_capsule_rad_s: Vector3::zeros(),
-            specific_force_capsule_m_s2: Vector3::zeros(),
+            velocity_world_m_s: twist.0,
+            angular_rate_capsule_rad_s: twist.1,
+            // At constant velocity only gravity is felt; the patient is taken to lie supine.
+            specific_force_capsule_m_s2: pose.rotation.inverse() * Vector3::new(0.0, 9.81, 0.0),
             arc_length_m: None,
             segment: None,
             wall_force_n: 0.0,
-        }
+        })
     }
+}
 
-    fn frame(&self, _name: &str, _at: SimTime) -> Option<Isometry3<f64>> {
-        None
-    }
+/// Velocity in the world and angular rate in the capsule's frame from one row to the next.
+fn twist(a: &(SimTime, Isometry3<f64>), b: &(SimTime, Isometry3<f64>)) -> (Vector3<f64>, Vector3<f64>) {
+    let dt_s = b.0.since_s(a.0);
+    let velocity = (b.1.translation.vector - a.1.translation.vector) / dt_s;
+    (velocity, log_so3(&(a.1.rotation.inverse() * b.1.rotation)) / dt_s)
 }
 
 /// Opens a replay with `key=value` overrides: the file, and its reference where it has one.
@@ -173,4 +197,32 @@ pub fn open_replay(
     }
     let truth = file.node.child("truth").map(|node| ReferenceTrajectory::read(&node)).transpose()?;
     Ok((file, truth))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    fn rows(at_s: &[f64]) -> ReferenceTrajectory {
+        let pose = |t: f64| Isometry3::new(Vector3::new(0.01 * t, 0.0, 0.0), Vector3::new(0.0, 0.0, 0.2 * t));
+        let poses = at_s.iter().map(|t| (SimTime::from_seconds(*t), pose(*t))).collect();
+        ReferenceTrajectory { poses, max_gap_s: 0.5 }
+    }
+
+    #[test]
+    fn closed_form_between_rows_the_twist_is_constant() {
+        let truth = rows(&[0.0, 0.4]).at(SimTime::from_seconds(0.1)).unwrap();
+        assert_relative_eq!(truth.world_from_capsule.translation.x, 0.001, epsilon = 1e-12);
+        assert_relative_eq!(truth.velocity_world_m_s.x, 0.01, epsilon = 1e-12);
+        assert_relative_eq!(truth.angular_rate_capsule_rad_s.z, 0.2, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn law_what_was_not_recorded_is_not_known() {
+        let reference = rows(&[1.0, 1.2, 9.0]);
+        let known = |t: f64| reference.at(SimTime::from_seconds(t)).is_some();
+        assert!(!known(0.99) && known(1.0) && known(1.1) && known(1.2));
+        assert!(!known(1.3) && !known(5.0) && known(9.0) && !known(9.001));
+    }
 }

@@ -26,6 +26,14 @@ pub enum RunError {
         /// Why.
         source: ModalityError,
     },
+    /// A fault does not fit the readings it is to befall.
+    #[error("fault on {fault}: {why}")]
+    Fault {
+        /// The fault in words.
+        fault: String,
+        /// What is wrong and what is allowed.
+        why: String,
+    },
     /// An observer failed.
     #[error(transparent)]
     Observer(#[from] ObserverError),

@@ -63,6 +63,13 @@ pub enum SceneOwner {
     Sensor(Name),
     /// `/world/readings/<sensor>/<path>`.
     Reading(Name),
+    /// `/world/tracks/<track>/<sensor>/<path>`: what a track's front end makes of a sensor's readings.
+    Track {
+        /// The track.
+        track: Name,
+        /// The sensor.
+        sensor: Name,
+    },
 }
 
 /// Why a measurement or a reading did not enter a track.

@@ -3,9 +3,7 @@
 #![expect(clippy::disallowed_types, reason = "world side: evaluation compares with the truth")]
 
 use crate::events::UpdateError;
-use lumenav_core::{
-    CapsuleTruth, FixKind, Instant, Measurement, NominalState, PathMap, PublishedEstimate, StateView,
-};
+use lumenav_core::{CapsuleTruth, FixKind, Measurement, NominalState, PathMap, PublishedEstimate};
 use lumenav_evaluation::consistency::{ErrorBlock, nees};
 use lumenav_evaluation::pose_error::PoseError;
 use nalgebra::{DMatrix, Point3};
@@ -49,7 +47,8 @@ fn position_bound(measurement: &Measurement, truth: &CapsuleTruth) -> Option<f64
     let mut state = NominalState::at_rest(truth.world_from_capsule);
     state.velocity_world_m_s = truth.velocity_world_m_s;
     state.angular_rate_capsule_rad_s = truth.angular_rate_capsule_rad_s;
-    debug_assert!(state.world_from_capsule(Instant::Now).is_some());
+    // What else the sensor's model asks for, at its expected value; an earlier pose is not known here.
+    state.blocks = measurement.model.blocks().iter().map(|b| (b.name.clone(), b.initial.clone())).collect();
     let information = measurement.model.expected_information(measurement, &state).ok()??;
     position_trace(&information)
 }

@@ -16,4 +16,4 @@ pub use events::{
     ObserverError, Refusal, RunEvent, RunHeader, RunObserver, SceneOwner, SensorHeader, TrackHeader,
     TrackUpdate, UpdateError,
 };
-pub use run::{Observers, RunSummary, Stage, StopRequest, replay, simulate};
+pub use run::{Observers, RunSummary, Stage, StopRequest, TruthAt, replay, simulate};

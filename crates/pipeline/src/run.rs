@@ -15,8 +15,8 @@ use crate::judge::judge;
 use crate::track::{Step, Track};
 use lumenav_core::time::{NANOSECONDS_PER_SECOND, nanoseconds};
 use lumenav_core::{
-    CapsuleTruth, Name, Observation, PathMap, Primitive, RandomStreams, Reading, Registry, Sensor, SimTime,
-    TruthView,
+    CapsuleTruth, ModalityError, Name, Observation, PathMap, Primitive, RandomStreams, Reading,
+    ReadingStream, Registry, Sensor, SimTime,
 };
 use lumenav_fusion::Counters;
 use lumenav_scenario::{ScenarioFile, World};
@@ -122,14 +122,18 @@ pub fn simulate(
     Ok(run.summary)
 }
 
-/// Runs recorded data through the tracks of a replay. `truth` is a reference trajectory, where there is one.
+/// The truth at an instant, where it is known.
+pub type TruthAt<'t> = &'t dyn Fn(SimTime) -> Option<CapsuleTruth>;
+
+/// Runs recorded data through the tracks of a replay. `truth` is a reference trajectory, where there is one; at instants
+/// where it is not known nothing is judged.
 ///
 /// # Errors
 /// As [`simulate`].
 pub fn replay(
     file: &ScenarioFile,
     registry: &Registry,
-    truth: Option<&dyn TruthView>,
+    truth: Option<TruthAt<'_>>,
     observers: &mut Observers<'_>,
     stop: StopRequest<'_>,
 ) -> Result<RunSummary, RunError> {
@@ -142,34 +146,80 @@ pub fn replay(
     }
     let mut summary = RunSummary::default();
     observers.start(&header)?;
-    // The stream whose next reading arrived first; ties go to the file's order.
-    while let Some(index) = streams
-        .iter()
-        .enumerate()
-        .filter_map(|(i, (_, _, ahead))| ahead.as_ref().map(|r| (r.arrival, i)))
-        .min()
-        .map(|(_, i)| i)
-    {
-        let (_, stream, ahead) = &mut streams[index];
-        // The index was chosen among those that hold a reading.
-        let Some(reading) = ahead.take() else { break };
-        *ahead = stream.next().transpose()?;
+    let mut clock = ReplayClock::new(file.record.scene_rate_hz.0);
+    while let Some(reading) = earliest(&mut streams)? {
         if stop() {
             return Err(RunError::Stopped { at: reading.arrival });
         }
-        if let Some(view) = truth {
-            observers.tell(&RunEvent::Truth(&view.capsule(reading.at())))?;
+        clock.advance_to(reading.arrival, &tracks, observers)?;
+        if let Some(truth) = truth.and_then(|truth| truth(reading.at())) {
+            observers.tell(&RunEvent::Truth(&truth))?;
         }
         observers.tell(&RunEvent::Reading { reading: &reading, labels: None })?;
         summary.readings += 1;
         summary.ended_at = summary.ended_at.max(reading.arrival);
-        let judge_with = |at: SimTime| truth.map(|view| view.capsule(at));
+        let judge_with = |at: SimTime| truth.and_then(|truth| truth(at));
         feed(&mut tracks, &reading, &judge_with, None, observers)?;
-        observers.tell(&RunEvent::Clock { at: reading.arrival })?;
     }
+    observers.tell(&RunEvent::Clock { at: summary.ended_at })?;
     observers.finish()?;
     summary.counters = counters(&tracks);
     Ok(summary)
+}
+
+/// A stream of recorded readings with the next one already read.
+type Ahead = (Name, ReadingStream, Option<Reading>);
+
+/// The reading that arrived first of all streams; ties go to the file's order.
+fn earliest(streams: &mut [Ahead]) -> Result<Option<Reading>, RunError> {
+    let first = streams
+        .iter()
+        .enumerate()
+        .filter_map(|(i, (_, _, ahead))| ahead.as_ref().map(|reading| (reading.arrival, i)))
+        .min();
+    let Some((_, index)) = first else { return Ok(None) };
+    let (_, stream, ahead) = &mut streams[index];
+    let reading = ahead.take();
+    *ahead = stream.next().transpose()?;
+    Ok(reading)
+}
+
+/// Ticks between recorded readings, so that a hole in the data is seen as time without an estimate.
+struct ReplayClock {
+    next_tick: Option<SimTime>,
+    next_scene: Option<SimTime>,
+    scene_period_ns: i64,
+}
+
+/// More ticks than this are not told of one hole in the data (eleven days): the step grows instead.
+const MAX_TICKS_PER_HOLE: i64 = 1_000_000;
+
+impl ReplayClock {
+    fn new(scene_rate_hz: f64) -> Self {
+        let scene_period_ns = nanoseconds(1.0 / scene_rate_hz).max(1);
+        Self { next_tick: None, next_scene: None, scene_period_ns }
+    }
+
+    fn advance_to(
+        &mut self,
+        to: SimTime,
+        tracks: &[Track],
+        observers: &mut Observers<'_>,
+    ) -> Result<(), RunError> {
+        let mut tick = *self.next_tick.get_or_insert(to);
+        let step_ns = (to.0.saturating_sub(tick.0) / MAX_TICKS_PER_HOLE).max(NANOSECONDS_PER_SECOND);
+        while tick <= to {
+            observers.tell(&RunEvent::Clock { at: tick })?;
+            tick = tick + step_ns;
+        }
+        self.next_tick = Some(tick);
+        let scene = *self.next_scene.get_or_insert(to);
+        if scene <= to {
+            picture_of_tracks(to, tracks, observers)?;
+            self.next_scene = Some(to + self.scene_period_ns);
+        }
+        Ok(())
+    }
 }
 
 fn counters(tracks: &[Track]) -> BTreeMap<String, Counters> {
@@ -180,7 +230,7 @@ fn counters(tracks: &[Track]) -> BTreeMap<String, Counters> {
 fn feed(
     tracks: &mut [Track],
     reading: &Reading,
-    truth_at: &dyn Fn(SimTime) -> Option<CapsuleTruth>,
+    truth_at: TruthAt<'_>,
     map: Option<&dyn PathMap>,
     observers: &mut Observers<'_>,
 ) -> Result<(), RunError> {
@@ -193,20 +243,22 @@ fn feed(
         for step in steps {
             tell_step(track, reading, &step, truth_at, map, observers)?;
         }
-        tell_scene(track, reading, observers)?;
     }
     Ok(())
 }
 
-fn tell_scene(track: &Track, reading: &Reading, observers: &mut Observers<'_>) -> Result<(), RunError> {
-    for input in track.inputs.iter().filter(|i| i.sensor == reading.sensor) {
-        let mut primitives = Vec::new();
-        if let Some(front_end) = &input.front_end {
-            front_end.scene(&mut primitives);
-        }
-        if !primitives.is_empty() {
-            let owner = SceneOwner::Reading(reading.sensor.clone());
-            observers.tell(&RunEvent::Scene { at: reading.at(), owner: &owner, primitives: &primitives })?;
+/// What the front ends of all tracks draw.
+fn picture_of_tracks(at: SimTime, tracks: &[Track], observers: &mut Observers<'_>) -> Result<(), RunError> {
+    for track in tracks {
+        for input in &track.inputs {
+            let mut primitives = Vec::new();
+            if let Some(front_end) = &input.front_end {
+                front_end.scene(&mut primitives);
+            }
+            if !primitives.is_empty() {
+                let owner = SceneOwner::Track { track: track.name.clone(), sensor: input.sensor.clone() };
+                observers.tell(&RunEvent::Scene { at, owner: &owner, primitives: &primitives })?;
+            }
         }
     }
     Ok(())
@@ -216,7 +268,7 @@ fn tell_step(
     track: &mut Track,
     reading: &Reading,
     step: &Step,
-    truth_at: &dyn Fn(SimTime) -> Option<CapsuleTruth>,
+    truth_at: TruthAt<'_>,
     map: Option<&dyn PathMap>,
     observers: &mut Observers<'_>,
 ) -> Result<(), RunError> {
@@ -241,7 +293,9 @@ fn tell_step(
         observers.tell(&RunEvent::Note { at: estimate.at, source: &name, text: &text })?;
     }
     let truth = truth_at(estimate.at);
-    let error = truth.as_ref().map(|t| judge(estimate, t, step.measurement.as_ref(), map));
+    // A bound belongs to a track that is nothing but its measurements; a filter knows more than the last of them.
+    let bound_of = step.measurement.as_ref().filter(|_| track.filter().is_none());
+    let error = truth.as_ref().map(|t| judge(estimate, t, bound_of, map));
     let block = estimate.pose.covariance.fixed_view::<3, 3>(0, 0).into_owned().symmetric_eigen();
     let largest = block.eigenvalues.imax();
     observers.tell(&RunEvent::Update(&TrackUpdate {
@@ -313,8 +367,9 @@ impl Simulation {
                 if let lumenav_scenario::Fault::Delay { delay_ms, .. } = f { delay_ms.0 * 1e-3 } else { 0.0 }
             })
             .sum();
-        self.keep_ns =
-            look_back + nanoseconds(latency_s.fold(0.0, f64::max) + delay_s) + NANOSECONDS_PER_SECOND;
+        self.keep_ns = look_back.saturating_add(
+            nanoseconds(latency_s.fold(0.0, f64::max) + delay_s).saturating_add(NANOSECONDS_PER_SECOND),
+        );
     }
 
     fn go(&mut self, observers: &mut Observers<'_>, stop: StopRequest<'_>) -> Result<(), RunError> {
@@ -363,15 +418,26 @@ impl Simulation {
         let observation = sensor
             .observe(self.world.truth(), at, &streams)
             .map_err(|source| RunError::Sensor { sensor: name.to_string(), at, source })?;
-        self.queue.insert((sensor.next_due(), Kind::Due(index)), None);
+        let next = sensor.next_due();
+        if next <= at {
+            let source =
+                ModalityError::Reading("the sensor's next reading is not due later than this one".to_owned());
+            return Err(RunError::Sensor { sensor: name.to_string(), at, source });
+        }
+        self.queue.insert((next, Kind::Due(index)), None);
         let Some(Observation { reading, labels }) = observation else {
             return observers.tell(&RunEvent::Missing { sensor: name, at, why: "lost on the way" });
         };
-        match self.faults.befall(reading, &streams) {
+        match self.faults.befall(reading, &streams)? {
             Fate::Lost(why) => observers.tell(&RunEvent::Missing { sensor: name, at, why: &why }),
             Fate::Passed(reading) => {
-                let key = (reading.arrival.max(at), Kind::Arrival(index, reading.sequence));
-                self.queue.insert(key, Some(Observation { reading: *reading, labels }));
+                let sequence = reading.sequence;
+                let key = (reading.arrival.max(at), Kind::Arrival(index, sequence));
+                if self.queue.insert(key, Some(Observation { reading: *reading, labels })).is_some() {
+                    let why = format!("two readings carry the sequence number {sequence}");
+                    let source = ModalityError::Reading(why);
+                    return Err(RunError::Sensor { sensor: name.to_string(), at, source });
+                }
                 Ok(())
             }
         }
@@ -405,6 +471,6 @@ impl Simulation {
                 observers.tell(&RunEvent::Scene { at, owner: &owner, primitives: &primitives })?;
             }
         }
-        Ok(())
+        picture_of_tracks(at, &self.tracks, observers)
     }
 }

@@ -33,6 +33,8 @@ pub(crate) enum Output {
         sink: GrpcSink,
         /// As the user wrote it.
         address: String,
+        /// Why it did not get everything.
+        lost: Option<String>,
     },
 }
 
@@ -77,7 +79,7 @@ impl Output {
         let sink = GrpcSink::new(uri);
         sink.flush_blocking(VIEWER_PATIENCE)
             .map_err(|e| RecordingError::NoViewer { address: address.to_owned(), why: e.to_string() })?;
-        Ok(Self::Viewer { sink, address: address.to_owned() })
+        Ok(Self::Viewer { sink, address: address.to_owned(), lost: None })
     }
 
     /// Whether somebody looks while it is written.
@@ -100,9 +102,23 @@ impl Output {
     pub(crate) fn finish(&mut self) -> Result<(), RecordingError> {
         match self {
             Self::File(file) => file.finish(),
-            Self::Viewer { sink, address } => sink
-                .flush_blocking(VIEWER_PATIENCE)
-                .map_err(|e| RecordingError::NoViewer { address: address.clone(), why: e.to_string() }),
+            // Whoever watched may have gone; what was computed is not lost with the window.
+            Self::Viewer { sink, address, lost } => {
+                if let Err(error) = sink.flush_blocking(VIEWER_PATIENCE) {
+                    *lost = Some(format!(
+                        "the viewer at {address} did not take the end of the recording: {error}"
+                    ));
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Why a viewer did not get everything; `None` where it did, and for files.
+    pub(crate) fn lost(&self) -> Option<&str> {
+        match self {
+            Self::File(_) => None,
+            Self::Viewer { lost, .. } => lost.as_deref(),
         }
     }
 }

@@ -78,6 +78,11 @@ impl RrdRecorder {
         Ok(Self { output, options, run: None, target: address.to_owned() })
     }
 
+    /// Why a viewer did not get everything (it was closed, say); to be told to the user. A run does not fail by it.
+    pub fn lost_viewer(&self) -> Option<&str> {
+        self.output.lost()
+    }
+
     fn with_run(
         &mut self,
         act: impl FnOnce(&mut Run, &mut Output) -> Result<(), RecordingError>,
@@ -401,7 +406,7 @@ impl Run {
             return Ok(());
         }
         // The picture holds what stands there from the start; readings may reach far beyond it.
-        if scene.last.is_none() && !matches!(owner, SceneOwner::Reading(_)) {
+        if scene.last.is_none() && !matches!(owner, SceneOwner::Reading(_) | SceneOwner::Track { .. }) {
             for point in primitives::extent_points_m(primitive) {
                 self.layout.include(point);
             }

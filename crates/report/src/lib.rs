@@ -36,15 +36,16 @@ pub use log::{
 };
 pub use manifest::{FileEntry, Machine, Manifest, read_json, write_manifest};
 pub use metrics::{
-    AxisError, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis, TrackMetrics,
+    AxisError, DRIFT_SPAN_M, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis,
+    RELATIVE_SPAN_S, TrackMetrics,
 };
 pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
 pub use timing::{Timing, TimingObserver, TrackTiming};
 pub use tracks::{TRACKS_SCHEMA_VERSION, TracksInfo, TracksObserver, for_each_track_row, read_tracks};
 pub use trials::{
-    Availability, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, Trials, TrialsCollector, TrialsOfTrack,
-    write_trials,
+    Availability, Instants, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, Trials, TrialsCollector,
+    TrialsOfTrack, write_trials,
 };
 pub use tum::{StampedPose, TumObserver, read_tum, write_kitti, write_tum};
 pub use writer::{RunWriter, WriterOptions};

@@ -3,10 +3,13 @@
 //! Keys are stable (schema 1); a figure that does not exist (no truth, no roll, no filter) is `null`. No wall times: equal
 //! runs give equal files. Memory: 8 bytes per update and figure with quantiles, everything else is sums.
 //!
-//! *Availability* is the share of the truth's instants (of the clock's, in a replay without truth) at which the track's
-//! last estimate is at most [`FRESH_S`] old. *Latency* is the time between the instant an estimate is about and the one
-//! at which it was available. *NIS* and *NEES* per update: see `lumenav_evaluation::consistency`; NEES with the degrees of
-//! freedom that most of the updates had.
+//! *Availability* is the share of the truth's instants (in a replay: of the clock's) at which the track's last estimate is at
+//! most [`FRESH_S`] old. *Latency* is the time between the instant an estimate is about and the one at which it was available.
+//! *Errors* and *NEES* are taken at every published estimate, the predictions at refused measurements included: a filter does
+//! not look better by refusing what it got wrong. *NIS* includes what the gate refused. Both as in
+//! `lumenav_evaluation::consistency`; NEES with the degrees of freedom that most of the estimates had. The bound (and RMSE
+//! over it) belongs to tracks without a filter: a filter knows more than its last measurement. *Drift* is the error of
+//! displacements over the truth's path, from pairs [`DRIFT_SPAN_M`] apart.
 
 use crate::error::ReportError;
 use crate::file::write_json;
@@ -15,11 +18,19 @@ use lumenav_core::{Name, SimTime};
 use lumenav_evaluation::bound::EfficiencyAccumulator;
 use lumenav_evaluation::consistency::one_run::{NeesAccumulator, NeesSummary, NisAccumulator};
 use lumenav_evaluation::consistency::verdict::Verdict;
+use lumenav_evaluation::displacement::{DisplacementErrors, Span};
 use lumenav_evaluation::summary::{Quantiles, ScalarSummary};
-use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver, TrackUpdate};
+use lumenav_pipeline::{ObserverError, Refusal, RunEvent, RunHeader, RunObserver, TrackUpdate};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+/// Time over which the relative error is taken, s.
+pub const RELATIVE_SPAN_S: f64 = 1.0;
+
+/// Path of the truth over which relative error and drift are taken, m: the distance a contraction moves a capsule.
+pub const DRIFT_SPAN_M: f64 = 0.01;
 
 /// An estimate older than this is no estimate of where the capsule is.
 pub const FRESH_S: f64 = 1.0;
@@ -52,14 +63,22 @@ pub struct TrackMetrics {
     pub attitude_error_deg: Option<ScalarSummary>,
     /// Angle between estimated and true x axis.
     pub heading_error_deg: Option<ScalarSummary>,
+    /// Error of the displacement over one second.
+    pub relative_error_1s_mm: Option<ScalarSummary>,
+    /// Error of the displacement over 10 mm of the truth's path.
+    pub relative_error_10mm_mm: Option<ScalarSummary>,
+    /// Sum of the latter over that path, percent.
+    pub drift_percent: Option<f64>,
     /// Magnitude of the error along the tract.
     pub along_tract_error_mm: Option<ScalarSummary>,
     /// Share of the time with an estimate that is at most one second old, 0 to 1.
     pub availability: Option<f64>,
     /// Updates that could not be computed.
     pub failed_updates: u64,
-    /// Updates.
+    /// Estimates that a measurement has entered.
     pub updates: u64,
+    /// Estimates that were judged: updates, and predictions at refused measurements.
+    pub judged: u64,
     /// Starts and restarts.
     pub starts: u64,
     /// Readings and measurements that did not enter, by reason.
@@ -70,8 +89,10 @@ pub struct TrackMetrics {
     pub nees: Option<NeesFigures>,
     /// `consistent`, `overconfident: …` or `cautious: …`; `null` without truth.
     pub verdict: Option<Verdict>,
-    /// Position RMSE over the root mean bound of the measurements alone.
+    /// Position RMSE over the root mean trace of the bound; tracks without a filter only.
     pub rmse_over_bound: Option<f64>,
+    /// Root mean square of error over root trace of the bound at each estimate: no place with a poor bound hides the rest.
+    pub rms_of_error_over_bound: Option<f64>,
     /// Time from the instant an estimate is about until it was available.
     pub latency_ms: Option<ScalarSummary>,
     /// When the first estimate was available.
@@ -121,13 +142,14 @@ pub struct NeesFigures {
 }
 
 /// Collects the figures of one track.
-#[derive(Default)]
 struct Collector {
     position_mm: Quantiles,
     heading_deg: Quantiles,
     attitude_deg: Quantiles,
     along_tract_mm: Quantiles,
     latency_ms: Quantiles,
+    relative_time: DisplacementErrors,
+    relative_path: DisplacementErrors,
     axis_sums: [f64; 3],
     axis_squares: [f64; 3],
     axis_count: u64,
@@ -136,6 +158,7 @@ struct Collector {
     efficiency: EfficiencyAccumulator,
     refused: BTreeMap<String, u64>,
     updates: u64,
+    judged: u64,
     starts: u64,
     last_estimate: Option<SimTime>,
     first_available: Option<SimTime>,
@@ -144,18 +167,45 @@ struct Collector {
 }
 
 impl Collector {
+    fn new() -> Self {
+        Self {
+            position_mm: Quantiles::new(),
+            heading_deg: Quantiles::new(),
+            attitude_deg: Quantiles::new(),
+            along_tract_mm: Quantiles::new(),
+            latency_ms: Quantiles::new(),
+            relative_time: DisplacementErrors::over(Span::Seconds(RELATIVE_SPAN_S)),
+            relative_path: DisplacementErrors::over(Span::Metres(DRIFT_SPAN_M)),
+            axis_sums: [0.0; 3],
+            axis_squares: [0.0; 3],
+            axis_count: 0,
+            nis: NisAccumulator::new(),
+            nees: BTreeMap::new(),
+            efficiency: EfficiencyAccumulator::new(),
+            refused: BTreeMap::new(),
+            updates: 0,
+            judged: 0,
+            starts: 0,
+            last_estimate: None,
+            first_available: None,
+            instants: 0,
+            instants_fresh: 0,
+        }
+    }
+
     fn update(&mut self, update: &TrackUpdate<'_>) -> Result<(), lumenav_evaluation::EvaluationError> {
         let estimate = update.estimate;
-        self.updates += 1;
+        self.updates += u64::from(update.accepted);
         self.starts += u64::from(update.started);
         self.last_estimate = self.last_estimate.max(Some(estimate.at));
         self.first_available.get_or_insert(estimate.available);
         self.latency_ms.push(1e3 * estimate.available.since_s(estimate.at));
         if let Some((nis, dof)) = update.nis {
-            // An information-form measurement is worth a fractional count; the band needs a whole one.
-            self.nis.push(nis, (dof.round() as usize).max(1))?;
+            self.innovation(nis, dof)?;
         }
-        let Some(error) = update.error else { return Ok(()) };
+        let (Some(error), Some(truth)) = (update.error, update.truth) else { return Ok(()) };
+        self.judged += 1;
+        self.displacement(update, truth.world_from_capsule.translation.vector);
         let mm = 1e3 * error.position_world_m;
         self.position_mm.push(mm.norm());
         if mm.iter().all(|x| x.is_finite()) {
@@ -186,6 +236,32 @@ impl Collector {
         Ok(())
     }
 
+    /// An innovation, before the gate.
+    fn innovation(&mut self, nis: f64, dof: f64) -> Result<(), lumenav_evaluation::EvaluationError> {
+        // An information-form measurement is worth a fractional count; the band needs a whole one.
+        self.nis.push(nis, (dof.round() as usize).max(1))
+    }
+
+    fn displacement(&mut self, update: &TrackUpdate<'_>, truth_m: Vector3<f64>) {
+        let estimate_m = update.estimate.pose.world_from_capsule.translation.vector;
+        for relative in [&mut self.relative_time, &mut self.relative_path] {
+            if update.started {
+                relative.interrupt();
+            }
+            relative.push(update.estimate.at.seconds(), estimate_m, truth_m);
+        }
+    }
+
+    fn refusal(&mut self, why: &Refusal) -> Result<(), lumenav_evaluation::EvaluationError> {
+        *self.refused.entry(refusal_reason(why).to_owned()).or_default() += 1;
+        match why {
+            Refusal::Gate { chi_square, degrees_of_freedom, .. } => {
+                self.innovation(*chi_square, *degrees_of_freedom)
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// An instant at which the track should know where the capsule is.
     fn instant(&mut self, at: SimTime) {
         self.instants += 1;
@@ -212,10 +288,14 @@ impl Collector {
             position_error_per_axis_mm: self.per_axis(),
             attitude_error_deg: self.attitude_deg.summary(),
             heading_error_deg: self.heading_deg.summary(),
+            relative_error_1s_mm: self.relative_time.summary_m().map(|s| s.scaled(1e3)),
+            relative_error_10mm_mm: self.relative_path.summary_m().map(|s| s.scaled(1e3)),
+            drift_percent: self.relative_path.drift_share().map(|share| 100.0 * share),
             along_tract_error_mm: self.along_tract_mm.summary(),
             availability: (self.instants > 0).then(|| self.instants_fresh as f64 / self.instants as f64),
             failed_updates: self.refused.get("failed").copied().unwrap_or(0),
             updates: self.updates,
+            judged: self.judged,
             starts: self.starts,
             refused: self.refused.clone(),
             nis: self.nis.summary().filter(|nis| nis.updates > 0).map(|nis| {
@@ -225,6 +305,7 @@ impl Collector {
             nees: nees.as_ref().map(|n| NeesFigures { mean: n.mean, dof: n.dof, inside_95: n.inside_95 }),
             verdict: nees.as_ref().map(Verdict::of_run),
             rmse_over_bound: self.efficiency.efficiency().map(|e| e.rmse_over_bound),
+            rms_of_error_over_bound: self.efficiency.efficiency().map(|e| e.rms_of_ratios),
             latency_ms: self.latency_ms.summary(),
             time_to_first_fix_s: self.first_available.map(SimTime::seconds),
         }
@@ -262,29 +343,33 @@ impl MetricsObserver {
     }
 
     fn see(&mut self, event: &RunEvent<'_>) -> Result<(), ReportError> {
-        let has_truth = self.header.as_ref().is_some_and(|header| header.has_truth);
+        let is_replay = self.header.as_ref().is_some_and(|header| header.duration_s.is_none());
+        let failed = |track: &Name| {
+            let track = track.to_string();
+            move |source| ReportError::Metrics { track, source }
+        };
         match event {
             RunEvent::Truth(truth) => {
                 self.last = self.last.max(truth.at);
-                self.instant(truth.at);
+                if !is_replay {
+                    self.instant(truth.at);
+                }
             }
             RunEvent::Clock { at } => {
                 self.last = self.last.max(*at);
-                if !has_truth {
+                if is_replay {
                     self.instant(*at);
                 }
             }
             RunEvent::Update(update) => {
                 self.last = self.last.max(update.estimate.at);
                 if let Some(track) = self.tracks.get_mut(update.track) {
-                    track
-                        .update(update)
-                        .map_err(|source| ReportError::Metrics { track: update.track.to_string(), source })?;
+                    track.update(update).map_err(failed(update.track))?;
                 }
             }
-            RunEvent::Refused { track, why, .. } => {
-                if let Some(track) = self.tracks.get_mut(*track) {
-                    *track.refused.entry(refusal_reason(why).to_owned()).or_default() += 1;
+            RunEvent::Refused { track: name, why, .. } => {
+                if let Some(track) = self.tracks.get_mut(*name) {
+                    track.refusal(why).map_err(failed(name))?;
                 }
             }
             _ => {}
@@ -312,7 +397,7 @@ impl MetricsObserver {
 
 impl RunObserver for MetricsObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
-        self.tracks = header.tracks.iter().map(|track| (track.name.clone(), Collector::default())).collect();
+        self.tracks = header.tracks.iter().map(|track| (track.name.clone(), Collector::new())).collect();
         self.header = Some(header.clone());
         Ok(())
     }

@@ -58,6 +58,8 @@ pub struct TrackRow {
     pub nees_dof: Option<u8>,
     /// Whether this update started or restarted the track.
     pub started: bool,
+    /// False where the measurement was refused and the estimate is a prediction.
+    pub accepted: bool,
     /// Whether all numbers of the estimate are finite and all known variances positive.
     pub valid: bool,
     /// See [`NUMBERS`].
@@ -81,6 +83,7 @@ impl TrackRow {
             pose_dof: pose.kind.degrees_of_freedom() as u8,
             nees_dof: None,
             started: update.started,
+            accepted: update.accepted,
             valid: is_sound(&pose.world_from_capsule, &pose.covariance, pose.kind),
             numbers: [None; NUMBERS.len()],
             covariance: upper_triangle(&pose.covariance),
@@ -188,10 +191,20 @@ fn is_sound(pose: &Isometry3<f64>, covariance: &Matrix6<f64>, kind: FixKind) -> 
 /// [`ReportError::File`].
 pub fn write_csv(path: &Path, rows: &[TrackRow]) -> Result<(), ReportError> {
     let mut file = OutputFile::beside(path)?;
-    let mut header: Vec<String> =
-        ["track", "sensor", "update", "t_s", "available_s", "pose_dof", "nees_dof", "started", "valid"]
-            .map(str::to_owned)
-            .to_vec();
+    let mut header: Vec<String> = [
+        "track",
+        "sensor",
+        "update",
+        "t_s",
+        "available_s",
+        "pose_dof",
+        "nees_dof",
+        "started",
+        "accepted",
+        "valid",
+    ]
+    .map(str::to_owned)
+    .to_vec();
     header.extend(NUMBERS.iter().map(|(name, _)| (*name).to_owned()));
     header.extend(upper_indices().map(|(row, column)| format!("cov_{row}{column}")));
     file.line(&header.join(","))?;
@@ -205,6 +218,7 @@ pub fn write_csv(path: &Path, rows: &[TrackRow]) -> Result<(), ReportError> {
             row.pose_dof.to_string(),
             row.nees_dof.map(|n| n.to_string()).unwrap_or_default(),
             row.started.to_string(),
+            row.accepted.to_string(),
             row.valid.to_string(),
         ];
         cells.extend(row.numbers.iter().map(|n| n.map(|n| format!("{n:?}")).unwrap_or_default()));

@@ -46,6 +46,7 @@ fn schema() -> Arc<Schema> {
         field("pose_dof", DataType::UInt8, false, "1"),
         field("nees_dof", DataType::UInt8, true, "1"),
         field("started", DataType::Boolean, false, "1"),
+        field("accepted", DataType::Boolean, false, "1"),
         field("valid", DataType::Boolean, false, "1"),
     ];
     fields.extend(NUMBERS.iter().map(|(name, unit)| field(name, DataType::Float64, true, unit)));
@@ -66,6 +67,7 @@ fn batch(rows: &[TrackRow], schema: &Arc<Schema>) -> Result<RecordBatch, arrow::
         Arc::new(UInt8Array::from_iter_values(rows.iter().map(|r| r.pose_dof))),
         Arc::new(rows.iter().map(|r| r.nees_dof).collect::<UInt8Array>()),
         Arc::new(rows.iter().map(|r| Some(r.started)).collect::<BooleanArray>()),
+        Arc::new(rows.iter().map(|r| Some(r.accepted)).collect::<BooleanArray>()),
         Arc::new(rows.iter().map(|r| Some(r.valid)).collect::<BooleanArray>()),
     ];
     for i in 0..NUMBERS.len() {
@@ -226,6 +228,7 @@ struct Columns<'a> {
     pose_dof: &'a UInt8Array,
     nees_dof: &'a UInt8Array,
     started: &'a BooleanArray,
+    accepted: &'a BooleanArray,
     valid: &'a BooleanArray,
     numbers: Vec<&'a Float64Array>,
     covariance: &'a Float64Array,
@@ -250,6 +253,7 @@ impl<'a> Columns<'a> {
             pose_dof: column(batch, "pose_dof")?,
             nees_dof: column(batch, "nees_dof")?,
             started: column(batch, "started")?,
+            accepted: column(batch, "accepted")?,
             valid: column(batch, "valid")?,
             numbers: NUMBERS.iter().map(|(name, _)| column(batch, name)).collect::<Result<_, _>>()?,
             covariance: covariance.filter(|_| sound).ok_or("covariance")?,
@@ -274,6 +278,7 @@ impl<'a> Columns<'a> {
             pose_dof: self.pose_dof.value(i),
             nees_dof: self.nees_dof.is_valid(i).then(|| self.nees_dof.value(i)),
             started: self.started.value(i),
+            accepted: self.accepted.value(i),
             valid: self.valid.value(i),
             numbers,
             covariance,

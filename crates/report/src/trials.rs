@@ -2,7 +2,7 @@
 //!
 //! Per track: means over trials with 95 % bootstrap intervals, the worst, and the proper test of consistency (mean NEES over
 //! the trials at each instant against its band; a single run allows none). Per pair of tracks: the difference trial by trial,
-//! since trial k gives every track the same gut, motion and noise. Failed trials are counted, and leave no figure behind.
+//! since trial k gives every track the same gut, motion and noise, over the instants at which both were judged. Failed trials are counted, and leave no figure behind.
 //!
 //! Figures are read back from the trials' own files, in the order of the trials: equal for any number of threads.
 
@@ -19,6 +19,7 @@ use lumenav_evaluation::monte_carlo::bootstrap::{BootstrapSettings, MeanInterval
 use lumenav_evaluation::monte_carlo::paired::{PairedComparison, compare_paired, correct_family};
 use lumenav_evaluation::summary::ScalarSummary;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -88,7 +89,9 @@ pub struct NeesOverTrials {
 pub struct PairOfTracks {
     /// In words.
     pub sentence: String,
-    /// Mean errors of the trials compared, mm.
+    /// What the means rest on.
+    pub instants: Instants,
+    /// Mean errors of the trials compared, mm, over common instants.
     #[serde(flatten)]
     pub comparison: PairedComparison,
 }
@@ -100,14 +103,35 @@ pub struct TrialsCollector {
     failed: u64,
     first: Option<(String, u64)>,
     tracks: BTreeMap<String, Collected>,
+    /// Mean error of both tracks of a pair, over the instants that both were judged at.
+    pairs: BTreeMap<(String, String), BTreeMap<Trial, (f64, f64)>>,
+    instants: BTreeMap<(String, String), Instants>,
+}
+
+/// How many of the instants of a pair of tracks are common.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Instants {
+    /// Judged in both tracks: what the comparison rests on.
+    pub common: u64,
+    /// Judged in one alone.
+    pub single: u64,
 }
 
 #[derive(Default)]
 struct Collected {
-    errors: BTreeMap<u64, ScalarSummary>,
+    errors: BTreeMap<Trial, ScalarSummary>,
     availability: Vec<f64>,
     nees: Option<NeesAcrossRuns>,
-    other_dof: u64,
+}
+
+/// Seed and number of a trial.
+type Trial = (u64, u64);
+
+/// What one track says at one instant.
+struct Judged {
+    t_ns: i64,
+    error_mm: f64,
+    nees: Option<(usize, f64)>,
 }
 
 impl TrialsCollector {
@@ -124,22 +148,41 @@ impl TrialsCollector {
     pub fn push(&mut self, metrics: &Metrics, folder: &Path) -> Result<(), ReportError> {
         self.seen += 1;
         self.first.get_or_insert_with(|| (metrics.scenario.clone(), metrics.seed));
+        let trial = (metrics.seed, metrics.trial);
         for (name, figures) in &metrics.tracks {
-            self.tracks.entry(name.clone()).or_default().take(metrics.trial, figures);
+            self.tracks.entry(name.clone()).or_default().take(trial, figures);
         }
-        self.take_nees(&folder.join("tracks.parquet"))
+        self.take_rows(trial, &folder.join("tracks.parquet"))
     }
 
-    fn take_nees(&mut self, path: &Path) -> Result<(), ReportError> {
-        let mut steps: BTreeMap<String, Vec<(u8, i64, f64)>> = BTreeMap::new();
+    fn take_rows(&mut self, trial: Trial, path: &Path) -> Result<(), ReportError> {
+        let mut rows: BTreeMap<String, Vec<Judged>> = BTreeMap::new();
         for_each_track_row(path, |row| {
-            if let (Some(nees), Some(dof)) = (row.number("nees"), row.nees_dof) {
-                steps.entry(row.track.to_string()).or_default().push((dof, row.t_ns, nees));
+            if let Some(error_mm) = row.number("error_mm") {
+                let nees = row.nees_dof.map(usize::from).zip(row.number("nees"));
+                rows.entry(row.track.to_string()).or_default().push(Judged {
+                    t_ns: row.t_ns,
+                    error_mm,
+                    nees,
+                });
             }
         })?;
-        for (name, steps) in steps {
+        for (name, rows) in &rows {
             let track = self.tracks.entry(name.clone()).or_default();
-            track.take_nees(&steps).map_err(metrics_error(&name))?;
+            track.take_nees(rows).map_err(metrics_error(name))?;
+        }
+        let tracks: Vec<(&String, &Vec<Judged>)> = rows.iter().collect();
+        for (i, (first, a)) in tracks.iter().enumerate() {
+            for (second, b) in &tracks[i + 1..] {
+                let key = ((*first).clone(), (*second).clone());
+                let (means, instants) = common_means(a, b);
+                let counted = self.instants.entry(key.clone()).or_default();
+                counted.common += instants.common;
+                counted.single += instants.single;
+                if let Some(means) = means {
+                    self.pairs.entry(key).or_default().insert(trial, means);
+                }
+            }
         }
         Ok(())
     }
@@ -175,28 +218,55 @@ impl TrialsCollector {
         settings: &BootstrapSettings,
         random: &mut RandomStream,
     ) -> Result<Vec<PairOfTracks>, ReportError> {
-        let means = |collected: &Collected| -> BTreeMap<u64, f64> {
-            collected.errors.iter().map(|(trial, error)| (*trial, error.mean)).collect()
-        };
-        let tracks: Vec<(&String, BTreeMap<u64, f64>)> =
-            self.tracks.iter().map(|(name, collected)| (name, means(collected))).collect();
         let mut family = Vec::new();
-        for (i, (first, a)) in tracks.iter().enumerate() {
-            for (second, b) in &tracks[i + 1..] {
-                match compare_paired((first, a), (second, b), settings, random) {
-                    Ok(comparison) => family.push(comparison),
-                    // Too few common trials to compare: there is no such row.
-                    Err(EvaluationError::TooFew { .. }) => {}
-                    Err(error) => return Err(metrics_error(first)(error)),
-                }
+        for ((first, second), trials) in &self.pairs {
+            // Figures are compared by their place: trials are the same for both.
+            let of = |choose: fn(&(f64, f64)) -> f64| -> BTreeMap<u64, f64> {
+                (0..).zip(trials.values().map(choose)).collect()
+            };
+            let (a, b) = (of(|means| means.0), of(|means| means.1));
+            match compare_paired((first, &a), (second, &b), settings, random) {
+                Ok(comparison) => family.push(comparison),
+                // Too few common trials to compare: there is no such row.
+                Err(EvaluationError::TooFew { .. }) => {}
+                Err(error) => return Err(metrics_error(first)(error)),
             }
         }
         correct_family(&mut family).map_err(metrics_error("all"))?;
         Ok(family
             .into_iter()
-            .map(|comparison| PairOfTracks { sentence: comparison.sentence(1.0, "mm"), comparison })
+            .map(|comparison| PairOfTracks {
+                sentence: comparison.sentence(1.0, "mm"),
+                instants: self
+                    .instants
+                    .get(&(comparison.first.clone(), comparison.second.clone()))
+                    .copied()
+                    .unwrap_or_default(),
+                comparison,
+            })
             .collect())
     }
+}
+
+/// Mean errors of two tracks over the instants at which both were judged; both lists are in order of time.
+fn common_means(a: &[Judged], b: &[Judged]) -> (Option<(f64, f64)>, Instants) {
+    let (mut i, mut j) = (0, 0);
+    let (mut sums, mut common) = ((0.0, 0.0), 0_u64);
+    while let (Some(first), Some(second)) = (a.get(i), b.get(j)) {
+        match first.t_ns.cmp(&second.t_ns) {
+            Ordering::Less => i += 1,
+            Ordering::Greater => j += 1,
+            Ordering::Equal => {
+                sums = (sums.0 + first.error_mm, sums.1 + second.error_mm);
+                common += 1;
+                i += 1;
+                j += 1;
+            }
+        }
+    }
+    let single = (a.len() + b.len()) as u64 - 2 * common;
+    let n = common as f64;
+    ((common > 0).then(|| (sums.0 / n, sums.1 / n)), Instants { common, single })
 }
 
 fn metrics_error(track: &str) -> impl FnOnce(EvaluationError) -> ReportError {
@@ -205,25 +275,21 @@ fn metrics_error(track: &str) -> impl FnOnce(EvaluationError) -> ReportError {
 }
 
 impl Collected {
-    fn take(&mut self, trial: u64, figures: &TrackMetrics) {
+    fn take(&mut self, trial: Trial, figures: &TrackMetrics) {
         if let Some(error) = figures.position_error_mm {
             self.errors.insert(trial, error);
         }
         self.availability.extend(figures.availability);
     }
 
-    /// The NEES of one trial: degrees of freedom, instant, value.
-    fn take_nees(&mut self, steps: &[(u8, i64, f64)]) -> Result<(), EvaluationError> {
-        let Some((first, ..)) = steps.first() else { return Ok(()) };
+    fn take_nees(&mut self, rows: &[Judged]) -> Result<(), EvaluationError> {
+        let mut steps = rows.iter().filter_map(|r| r.nees.map(|(dof, nees)| (r.t_ns, dof, nees))).peekable();
+        let Some((_, dof, _)) = steps.peek() else { return Ok(()) };
         let across = match &mut self.nees {
             Some(across) => across,
-            None => self.nees.insert(NeesAcrossRuns::new(usize::from(*first))?),
+            None => self.nees.insert(NeesAcrossRuns::new(*dof)?),
         };
-        let dof = across.dof();
-        let same = steps.iter().filter(|(d, ..)| usize::from(*d) == dof);
-        self.other_dof += (steps.len() - same.clone().count()) as u64;
-        across.push_run(same.map(|(_, at, nees)| (*at, *nees)));
-        Ok(())
+        across.push_run_of(steps)
     }
 
     fn figures(

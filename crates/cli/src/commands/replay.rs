@@ -5,7 +5,7 @@ use crate::args::{Record, ReplayOptions, Verbosity};
 use crate::progress::Progress;
 use anyhow::Context as _;
 use lumenav::core::Node;
-use lumenav::pipeline::{Observers, RunObserver, replay as replay_run};
+use lumenav::pipeline::{Observers, RunObserver, TruthAt, replay as replay_run};
 use lumenav::recording::{RecorderOptions, RrdRecorder};
 use lumenav::report::{RunWriter, WriterOptions};
 use lumenav::{default_registry, open_replay};
@@ -35,7 +35,8 @@ pub fn replay(options: &ReplayOptions, verbosity: Verbosity) -> anyhow::Result<(
     let mut all: Vec<&mut dyn RunObserver> = vec![&mut writer];
     all.extend(recorder.iter_mut().map(|r| r as &mut dyn RunObserver));
     all.push(&mut progress);
-    let truth = reference.as_ref().map(|r| r as _);
+    let known = |at| reference.as_ref().and_then(|reference| reference.at(at));
+    let truth = reference.is_some().then_some(&known as TruthAt<'_>);
     replay_run(&file, &default_registry(), truth, &mut Observers::new(all), &|| {
         stop.load(Ordering::Relaxed)
     })?;
