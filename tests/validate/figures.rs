@@ -1,7 +1,7 @@
 //! Small sums over what runs leave.
 
 use lumenav::evaluation::trajectory::Trajectory;
-use lumenav::report::read_tum;
+use lumenav::report::{read_arc_length, read_tum};
 use std::path::Path;
 
 /// A TUM file as a trajectory.
@@ -11,23 +11,13 @@ pub fn trajectory(path: &Path) -> Result<Trajectory, String> {
     Trajectory::new(stamps, poses).map_err(|e| format!("{}: {e}", path.display()))
 }
 
-/// Distance travelled, m, in steps of one second (the rattle within a second is no transport).
-pub fn travelled_m(path: &Path) -> Result<f64, String> {
-    let track = trajectory(path)?;
-    let mut last = None;
-    let mut sum = 0.0;
-    for (at, pose) in track.stamps_s().iter().zip(track.world_from_capsule()) {
-        let place = pose.translation.vector;
-        match last {
-            Some((then, there)) if at - then >= 1.0 => {
-                sum += (place - there as nalgebra::Vector3<f64>).norm();
-                last = Some((at, place));
-            }
-            None => last = Some((at, place)),
-            _ => {}
-        }
-    }
-    Ok(sum)
+/// Transport along the tract, m: where the capsule is at the end minus where it was at the start. To and fro counts nothing.
+pub fn transported_m(path: &Path) -> Result<f64, String> {
+    let rows = read_arc_length(path).map_err(|e| e.to_string())?;
+    let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
+        return Err(format!("{}: no arc length", path.display()));
+    };
+    Ok(last.1 - first.1)
 }
 
 /// One line of a bench's table.

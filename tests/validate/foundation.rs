@@ -1,16 +1,12 @@
 //! The foundation's Shows lines and speeds.
 
-use crate::figures::{trajectory, travelled_m};
+use crate::figures::{trajectory, transported_m};
 use crate::row::{Outcome, Sheet};
 use crate::tools::{Ended, bench, lumenav, metrics_of, root, run, test};
-use lumenav::core::RandomStreams;
-use lumenav::evaluation::monte_carlo::bootstrap::BootstrapSettings;
-use lumenav::evaluation::monte_carlo::paired::compare_paired;
 use lumenav::evaluation::trajectory::absolute::absolute_pose_error;
 use lumenav::evaluation::trajectory::relative::{Delta, PairRule, relative_pose_error};
 use lumenav::evaluation::trajectory::{Relation, associate};
-use lumenav::report::{Metrics, Trials, read_json};
-use std::collections::BTreeMap;
+use lumenav::report::{Metrics, Trials, TrialsCollector, read_json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -95,23 +91,27 @@ fn accuracy(sheet: &mut Sheet, out: &Path) {
     }
     let line = "2 filter better than tracker in the colon, paired over seeds 1 to 20";
     sheet.row(line, &format!("run {COLON} --seed 1..20"), "interval of the difference above 0", || {
-        let (mut filter, mut tracker) = (BTreeMap::new(), BTreeMap::new());
+        let mut collector = TrialsCollector::default();
         let mut over = 0.0_f64;
         for seed in 1..=20_u64 {
-            let number = seed.to_string();
-            let metrics =
-                metrics_of(&["run", COLON, "--seed", &number, "--record", "none"], &out.join("paired"))?;
-            filter.insert(seed, mean_mm(&metrics, "magnetic-eskf")?);
-            tracker.insert(seed, mean_mm(&metrics, "magnetic")?);
+            let (number, folder) = (seed.to_string(), out.join("paired"));
+            let metrics = metrics_of(&["run", COLON, "--seed", &number, "--record", "none"], &folder)?;
             let nees = metrics.tracks["magnetic-eskf"].nees.ok_or("no NEES")?;
             over = over.max(nees.mean / nees.dof as f64);
+            collector.push(&metrics, &folder).map_err(|e| e.to_string())?;
         }
-        let mut random = RandomStreams::new(0, 0, "validate").stream("bootstrap", 0);
-        let (first, second) = (("magnetic-eskf", &filter), ("magnetic", &tracker));
-        let compared = compare_paired(first, second, &BootstrapSettings::default(), &mut random)
-            .map_err(|e| e.to_string())?;
-        let words = format!("{}; largest mean NEES/dof {over:.2}", compared.sentence(1.0, "mm"));
-        Ok((words, compared.advantage_of_first.lower > 0.0 && compared.is_decided()))
+        let trials = collector.finish().map_err(|e| e.to_string())?;
+        let pair = trials.comparisons.first().ok_or("no comparison")?;
+        let (compared, instants) = (&pair.comparison, &pair.instants);
+        let words = format!(
+            "{}; {} common instants, {} of one track alone; largest mean NEES/dof {over:.2}",
+            pair.sentence, instants.common, instants.single
+        );
+        // Tracks are in order of their names: `magnetic` is the first.
+        Ok((
+            words,
+            compared.first == "magnetic" && compared.advantage_of_first.upper < 0.0 && compared.is_decided(),
+        ))
     });
 }
 
@@ -175,7 +175,7 @@ fn engine(sheet: &mut Sheet, out: &Path) {
         if !folder.exists() {
             metrics_of(&["run", COLON, "--record", "none"], &folder)?;
         }
-        let metres = travelled_m(&folder.join("truth.tum"))?;
+        let metres = transported_m(&folder.join("truth.parquet"))?;
         Ok((format!("{metres:.3} m"), metres >= 0.5))
     });
     sheet.row(
@@ -213,7 +213,7 @@ fn real_data(sheet: &mut Sheet, out: &Path) {
     sheet.row("5 a person's colon", &command, ">= 0.3 m", || {
         let model = format!("tract.model={}/{EDIN}", data.clone()?);
         let metrics = metrics_of(&["run", COLON, "--set", &model, "--set", segments], &out.join("edin"))?;
-        let metres = travelled_m(&out.join("edin/truth.tum"))?;
+        let metres = transported_m(&out.join("edin/truth.parquet"))?;
         let error = mean_mm(&metrics, "magnetic-eskf")?;
         Ok((format!("{metres:.3} m; mean error of the filter {error:.3} mm"), metres >= 0.3))
     });

@@ -6,6 +6,7 @@
 //! | `metrics.json` | [`MetricsObserver`] | [`read_json`] |
 //! | `timing.json` | [`TimingObserver`] | [`read_json`] |
 //! | `tracks.parquet` | [`TracksObserver`] | [`read_tracks`], [`for_each_track_row`] |
+//! | `truth.parquet` | [`TruthObserver`] | [`read_arc_length`] |
 //! | `truth.tum`, `<track>.tum` | [`TumObserver`] | [`read_tum`] |
 //! | `events.jsonl` | [`EventsObserver`] | [`read_events`], [`for_each_event`] |
 //! | `readings/` | [`ReadingsObserver`] | `lumenav replay` |
@@ -26,6 +27,7 @@ mod row;
 mod timing;
 mod tracks;
 mod trials;
+mod truth;
 mod tum;
 mod writer;
 
@@ -47,5 +49,6 @@ pub use trials::{
     Availability, Instants, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, Trials, TrialsCollector,
     TrialsOfTrack, write_trials,
 };
+pub use truth::{TruthObserver, read_arc_length};
 pub use tum::{StampedPose, TumObserver, read_tum, write_kitti, write_tum};
 pub use writer::{RunWriter, WriterOptions};

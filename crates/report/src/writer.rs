@@ -8,6 +8,7 @@ use crate::metrics::{Metrics, MetricsObserver};
 use crate::readings::ReadingsObserver;
 use crate::timing::TimingObserver;
 use crate::tracks::TracksObserver;
+use crate::truth::TruthObserver;
 use crate::tum::TumObserver;
 use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver};
 use std::path::{Path, PathBuf};
@@ -48,6 +49,7 @@ impl RunWriter {
         let mut others: Vec<Box<dyn RunObserver + Send>> = vec![
             Box::new(TumObserver::new(path)),
             Box::new(TracksObserver::new(path)),
+            Box::new(TruthObserver::new(path)),
             Box::new(EventsObserver::new(path)),
         ];
         if options.save_readings {
