@@ -1,6 +1,6 @@
 //! A filter starts from data or from `[track.prior]`, never from the truth.
 
-use crate::support::{Run, root, scratch};
+use crate::support::{Run, lumenav, root, scratch};
 use std::path::Path;
 
 /// First row of a track's TUM file.
@@ -51,4 +51,52 @@ fn law_the_first_belief_is_a_noisy_fix() {
     let true_pose: Vec<f64> = row.split_whitespace().map(|v| v.parse().expect("a number")).collect();
     let distance: f64 = (1..4).map(|i| (first[i] - true_pose[i]).powi(2)).sum::<f64>().sqrt();
     assert!(distance > 1e-6 && distance < 0.02, "first estimate {distance} m from the truth");
+}
+
+const TRACKS: &str = "[[track]]\nname = \"magnetic\"\nsensors = [\"plane\"]\n[track.filter]\nkind = \"none\"\n\
+                      [[track]]\nname = \"magnetic-eskf\"\nsensors = [\"plane\"]\n[track.sensor.plane]\nfront_end = \"flux\"\n";
+
+/// The readings of a run, replayed without any truth and with a truth half a metre away, give the run's own tracks to the
+/// last byte: whatever estimators know came from readings.
+#[test]
+fn law_tracks_are_the_same_without_the_truth() {
+    let folder = scratch();
+    let run = folder.path().join("run");
+    Run::new(&root().join("scenarios/smoke/helix.toml")).out(&run).arg("--save-readings").ok();
+    let moved: String = std::fs::read_to_string(run.join("truth.tum"))
+        .expect("truth was written")
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| {
+            let mut cells: Vec<String> = line.split_whitespace().map(str::to_owned).collect();
+            cells[1] = (cells[1].parse::<f64>().expect("a number") + 0.5).to_string();
+            cells.join(" ") + "\n"
+        })
+        .collect();
+    std::fs::write(folder.path().join("moved.tum"), moved).expect("a scratch file");
+    for (name, truth) in [("blind", ""), ("misled", "[truth]\nkind = \"tum\"\nfile = \"moved.tum\"\n")] {
+        let text = format!(
+            "[scenario]\nname = \"again\"\n[capsule]\nmodel = \"pillcam-magnet\"\n{truth}[[sensor]]\nname = \"plane\"\n\
+             modality = \"magnetic\"\n[sensor.installed]\narray = \"plane-4x4-below\"\n[sensor.files]\n\
+             flux_csv = \"run/readings/plane.csv\"\n{TRACKS}"
+        );
+        let replay = folder.path().join(name).with_extension("toml");
+        std::fs::write(&replay, text).expect("a scratch file");
+        let out = folder.path().join(name);
+        let models = root().join("models");
+        let output = lumenav()
+            .arg("replay")
+            .arg(&replay)
+            .arg("--out")
+            .arg(&out)
+            .arg("--models")
+            .arg(models)
+            .output()
+            .expect("the program starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        for track in ["magnetic.tum", "magnetic-eskf.tum"] {
+            let read = |folder: &Path| std::fs::read(folder.join(track)).expect("a track");
+            assert!(read(&run) == read(&out), "{track} of the {name} replay is another");
+        }
+    }
 }
