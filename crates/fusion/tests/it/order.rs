@@ -5,7 +5,7 @@ use crate::models::{
 };
 use lumenav_core::config::quantity::NonNegative;
 use lumenav_core::{Measurement, Name, PriorUse, RandomStreams, Reading, SimTime};
-use lumenav_fusion::{Belief, Eskf, EskfOptions, Refused, Verdict};
+use lumenav_fusion::{Belief, Eskf, EskfOptions, Filter as _, Refused, Verdict};
 use nalgebra::Vector3;
 use rand::seq::SliceRandom as _;
 use std::sync::Arc;
@@ -61,7 +61,7 @@ fn run(events: &[Event], lag_s: f64) -> (Belief, Eskf) {
     for event in events {
         match event {
             Event::Measure(m) => drop(filter.offer(m.as_ref().clone())),
-            Event::Motion(reading) => filter.offer_motion(reading.clone(), gyro.clone()),
+            Event::Motion(reading) => drop(filter.offer_motion(reading.clone(), gyro.clone())),
             Event::Want(at) => filter.want_clones(&Name::from("odometry"), vec![*at]),
         }
     }
