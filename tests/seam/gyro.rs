@@ -17,7 +17,7 @@ use lumenav::core::{
     MotionSample, Name, Noise, NominalState, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime,
     StateView,
 };
-use lumenav::fusion::{Eskf, EskfOptions, Verdict};
+use lumenav::fusion::{Eskf, EskfOptions, Filter as _, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
 use std::sync::Arc;
 

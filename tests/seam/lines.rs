@@ -25,7 +25,7 @@ use lumenav::core::{
 };
 use lumenav::evaluation::consistency::across_runs::{AcrossRunsSummary, NeesAcrossRuns};
 use lumenav::evaluation::consistency::quadratic_form;
-use lumenav::fusion::{Eskf, Verdict};
+use lumenav::fusion::{Eskf, Filter as _, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3x6, Matrix6, Translation3, Vector3, Vector6};
 use rand_distr::{Distribution as _, StandardNormal};
 use std::sync::Arc;

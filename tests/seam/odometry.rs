@@ -19,7 +19,7 @@ use lumenav::core::{
     FixKind, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Name, Noise,
     NominalState, Outcome, Part, PoseEstimate, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
 };
-use lumenav::fusion::{Eskf, EskfOptions, Verdict};
+use lumenav::fusion::{Eskf, EskfOptions, Filter as _, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 

@@ -14,7 +14,7 @@ use lumenav::core::{
     BlockSpec, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Name, Noise,
     NominalState, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
 };
-use lumenav::fusion::{Eskf, EskfOptions, Verdict};
+use lumenav::fusion::{Eskf, EskfOptions, Filter as _, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 use std::sync::Arc;
 

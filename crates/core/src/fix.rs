@@ -9,14 +9,34 @@
 //! ```text
 //! position: p_z - p                                      H = [I 0]
 //! full:     [p_z - p; Log(Rᵀ R_z)]                        H = [I 0; 0 J_r⁻¹(-θ)]   (θ = Log(Rᵀ R_z))
-//! pointing: [p_z - p; E_zᵀ (u_z - R x)],  E_z = tangent basis at u_z = R_z x,   H_θ = E_zᵀ R (-[x]ₓ)
+//! pointing: [p_z - p; -h(R x)]                           H = [I 0; 0 ∂h/∂u (-R [x]ₓ)]
 //! ```
+//!
+//! with h the logarithm on the sphere at `u_z = R_z x`, in a tangent basis E_z there: its length is the angle θ between
+//! both directions, however large, so a heading that is reversed lies farther away than any other:
+//!
+//! ```text
+//! h(u) = f(c) E_zᵀ u      c = u · u_z = cos θ      f = θ / sin θ       f' = df/dc = (θ cos θ - sin θ) / sin³ θ
+//! ∂h/∂u = f E_zᵀ + f' E_zᵀ u u_zᵀ  =  f (I - e eᵀ) E_zᵀ - e u_zᵀ / sin θ        with E_zᵀ u = sin θ e
+//! ```
+//!
+//! (the first form near 0, the second elsewhere: near 180° the first one's terms grow and cancel).
+//!
+//! At 180° every way round is as short and the logarithm has no value. Within [`ANTIPODE_SINE`] of it the residual goes round
+//! by the direction in which u lies, or by the first tangent where it lies nowhere, and the Jacobian keeps the way round
+//! alone (`∂h/∂u = -e eᵀ`): how the way round itself would turn is left out, as its derivative has no bound.
+//!
+//! A fix that knows attitude is strongly nonlinear: at large angles the weight of its first linearization belongs to the
+//! predicted attitude, not to the one that the update arrives at, so updates are iterated.
 
 use crate::frame::{Frame, Schema};
 use crate::measurement::{Instant, Linearization, Measurement, MeasurementModel, Noise, Part, StateView};
 use crate::modality::ModalityError;
 use crate::pose::{log_so3, right_jacobian_inverse_so3, skew, tangent_basis};
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix2, Matrix2x3, Matrix6, Quaternion, Translation3, UnitQuaternion,
+    Vector2, Vector3,
+};
 use std::sync::{Arc, LazyLock};
 
 /// What a fix knows.
@@ -121,6 +141,35 @@ impl PoseEstimate {
     }
 }
 
+/// Sine of the angle to the antipode, rad, under which the logarithm on the sphere takes the documented way round. Above it
+/// the quotient f still has ten digits.
+const ANTIPODE_SINE: f64 = 1e-6;
+
+/// Angle in radians under which series replace the quotients of the logarithm on the sphere; their next terms are of order
+/// θ⁴: below 1e-13.
+const SMALL_ANGLE_RAD: f64 = 5e-4;
+
+/// The logarithm on the sphere at `measured` of `u` (both unit), in the tangent basis there, and its derivative by u.
+fn sphere_log(measured: &Vector3<f64>, u: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
+    let (e1, e2) = tangent_basis(measured);
+    let to_tangent = Matrix2x3::from_rows(&[e1.transpose(), e2.transpose()]);
+    let flat = to_tangent * u;
+    let (sine, cosine) = (flat.norm(), u.dot(measured));
+    let angle = sine.atan2(cosine);
+    if cosine < 0.0 && sine < ANTIPODE_SINE {
+        let way = if sine > 0.0 { flat / sine } else { Vector2::x() };
+        return (way * angle, -(way * way.transpose()) * to_tangent);
+    }
+    if cosine > 0.0 && sine < SMALL_ANGLE_RAD {
+        let square = angle * angle;
+        let (factor, slope) = (1.0 + square / 6.0, -1.0 / 3.0 - 2.0 / 15.0 * square);
+        return (flat * factor, to_tangent * factor + flat * measured.transpose() * slope);
+    }
+    let way = flat / sine;
+    let across = Matrix2::identity() - way * way.transpose();
+    (way * angle, across * to_tangent * (angle / sine) - way * measured.transpose() / sine)
+}
+
 /// The measurement model of every front end that delivers a pose.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FixModel;
@@ -145,16 +194,16 @@ fn fix_residual(fix: &PoseEstimate, state: &Isometry3<f64>) -> (DVector<f64>, DM
             let x = Vector3::x();
             let measured = fix.world_from_capsule.rotation * x;
             let (e1, e2) = tangent_basis(&measured);
-            let difference = measured - state.rotation * x;
+            let (log, by_direction) = sphere_log(&measured, &(state.rotation * x));
             // d(R x) = -R [x]ₓ δθ
             let turn = -(state.rotation.to_rotation_matrix().into_inner() * skew(&x));
+            residual.rows_mut(3, 2).copy_from(&-log);
+            jacobian.view_mut((3, 3), (2, 3)).copy_from(&(by_direction * turn));
             let mut to_tangent = DMatrix::zeros(5, 6);
             to_tangent.view_mut((0, 0), (3, 3)).fill_with_identity();
             let measured_turn =
                 -(fix.world_from_capsule.rotation.to_rotation_matrix().into_inner() * skew(&x));
             for (row, e) in [(3, e1), (4, e2)] {
-                residual[row] = e.dot(&difference);
-                jacobian.view_mut((row, 3), (1, 3)).copy_from(&(e.transpose() * turn));
                 to_tangent.view_mut((row, 3), (1, 3)).copy_from(&(e.transpose() * measured_turn));
             }
             let tangent = &to_tangent * fix.covariance * to_tangent.transpose();
@@ -191,5 +240,103 @@ impl MeasurementModel for FixModel {
             })?
             .solve(&jacobian);
         Ok(Some(jacobian.transpose() * weighted))
+    }
+
+    fn strongly_nonlinear(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laws::check_model;
+    use crate::pose::exp_so3;
+    use crate::state::NominalState;
+    use crate::time::SimTime;
+    use crate::{Name, PriorUse};
+    use std::f64::consts::PI;
+
+    fn pointing(measured: &UnitQuaternion<f64>) -> Measurement {
+        let mut covariance = Matrix6::identity() * 1e-4;
+        covariance[(3, 3)] = 0.0;
+        let fix = PoseEstimate {
+            world_from_capsule: Isometry3::from_parts(Translation3::identity(), *measured),
+            covariance,
+            kind: FixKind::Pointing,
+        };
+        Measurement {
+            sensor: Name::from("s"),
+            sequence: 0,
+            at: SimTime::ZERO,
+            arrival: SimTime::ZERO,
+            since: None,
+            value: Arc::new(fix.to_frame()),
+            model: Arc::new(FixModel),
+            prior_use: PriorUse::None,
+            fix: None,
+        }
+    }
+
+    /// A state whose heading is `angle_rad` from the measured one, turned about a direction across it and rolled.
+    fn turned(measured: &UnitQuaternion<f64>, angle_rad: f64, way_rad: f64) -> NominalState {
+        let across = Vector3::new(0.0, way_rad.cos(), way_rad.sin());
+        let rotation = measured * exp_so3(&(across * angle_rad)) * exp_so3(&Vector3::new(0.7, 0.0, 0.0));
+        NominalState::at_rest(Isometry3::from_parts(Translation3::new(0.01, 0.0, -0.02), rotation))
+    }
+
+    fn residual_of(m: &Measurement, state: &NominalState) -> (DVector<f64>, DMatrix<f64>) {
+        let Linearization::Residual { residual, jacobian, .. } = FixModel.linearize(m, state).unwrap() else {
+            panic!("a fix has a residual")
+        };
+        (residual, jacobian[0].1.clone())
+    }
+
+    const ATTITUDES: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [0.3, -1.2, 2.0], [0.0, PI, 0.0]];
+
+    #[test]
+    fn closed_form_pointing_residual_is_as_long_as_the_angle() {
+        for attitude in ATTITUDES {
+            let measured = exp_so3(&Vector3::from(attitude));
+            for angle in [0.0, 1e-9, 1e-5, 4.9e-4, 5.1e-4, 0.1, 0.5 * PI, 2.6, 3.1, PI - 2e-6, PI - 1e-7] {
+                for way in [0.0, 1.0, 4.0] {
+                    let (residual, _) = residual_of(&pointing(&measured), &turned(&measured, angle, way));
+                    let length = residual.rows(3, 2).norm();
+                    assert!((length - angle).abs() < 1e-12, "{angle}: {length}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn law_pointing_jacobian_is_the_derivative_at_any_angle() {
+        for attitude in ATTITUDES {
+            let measured = exp_so3(&Vector3::from(attitude));
+            for degrees in [0.0_f64, 1e-7, 0.028, 0.029, 1.0, 45.0, 89.0, 91.0, 135.0, 170.0, 179.0] {
+                for way in [0.0, 1.0, 4.0] {
+                    let state = turned(&measured, degrees.to_radians(), way);
+                    check_model(&FixModel, &pointing(&measured), &state, 1e-6)
+                        .unwrap_or_else(|error| panic!("{degrees} degrees, way {way}: {error}"));
+                }
+            }
+        }
+    }
+
+    /// A step along the residual always brings the heading nearer, up to the antipode itself.
+    #[test]
+    fn law_pointing_residual_leads_home() {
+        let measured = exp_so3(&Vector3::new(0.3, -1.2, 2.0));
+        for angle in [0.3, 1.5, 1.7, 2.6, 3.1, PI - 1e-5, PI - 1e-8, PI] {
+            let state = turned(&measured, angle, 1.0);
+            let m = pointing(&measured);
+            let (residual, jacobian) = residual_of(&m, &state);
+            assert!(residual.iter().chain(jacobian.iter()).all(|v| v.is_finite()), "{angle}");
+            assert!((residual.rows(3, 2).norm() - angle).abs() < 1e-12, "{angle}");
+            let step = jacobian.svd(true, true).solve(&residual, 1e-9).unwrap();
+            let mut moved = state.clone();
+            moved.perturb(&Part::Pose(Instant::Now), (&step * 0.5).as_view());
+            let nearer = residual_of(&m, &moved).0.rows(3, 2).norm();
+            assert!((nearer - 0.5 * angle).abs() < 1e-6, "{angle}: half a step leaves {nearer}");
+        }
     }
 }

@@ -11,7 +11,7 @@ use lumenav_core::{
 };
 use lumenav_fusion::options::Probability;
 use lumenav_fusion::update::propose;
-use lumenav_fusion::{Belief, Eskf, EskfOptions};
+use lumenav_fusion::{Belief, Eskf, EskfOptions, Filter as _};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, SMatrix, SVector, Vector3};
 use std::sync::Arc;
 

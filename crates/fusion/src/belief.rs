@@ -31,6 +31,7 @@ use lumenav_core::{
     SimTime,
 };
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3xX, Matrix6, MatrixXx3, Vector3};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// First column of the pose, velocity and rate parts, and the number of columns of a state without blocks.
@@ -411,18 +412,35 @@ impl Belief {
         (eigen.eigenvalues[largest].max(0.0).sqrt(), eigen.eigenvectors.column(largest).into_owned())
     }
 
-    /// Whether every number is finite and the diagonal is positive.
-    pub fn is_sound(&self) -> bool {
-        self.covariance.iter().all(|v| v.is_finite())
-            && self.covariance.diagonal().iter().all(|v| *v >= 0.0)
-            && self.state.world_from_capsule.translation.vector.iter().all(|v| v.is_finite())
-            && self.state.world_from_capsule.rotation.coords.iter().all(|v| v.is_finite())
+    /// The blocks' values and covariance, without the rest.
+    pub fn kept_blocks(&self) -> KeptBlocks {
+        let width = self.first_clone_column() - CORE;
+        KeptBlocks {
+            at: self.at,
+            values: self.state.blocks.clone(),
+            covariance: self.covariance.view((CORE, CORE), (width, width)).into_owned(),
+        }
     }
 
-    /// Names of the blocks in the order of their columns.
-    pub fn block_names(&self) -> impl Iterator<Item = &Name> {
-        self.blocks.iter().map(|block| &block.name)
+    /// Takes over the blocks of an earlier belief with the same blocks, independent of the rest, walked on until now.
+    pub fn restore_blocks(&mut self, kept: &KeptBlocks) {
+        let width = self.first_clone_column() - CORE;
+        if kept.covariance.nrows() != width || !kept.values.keys().eq(self.state.blocks.keys()) {
+            return;
+        }
+        self.state.blocks.clone_from(&kept.values);
+        self.covariance.view_mut((CORE, CORE), (width, width)).copy_from(&kept.covariance);
+        self.walk_blocks(self.at.since_s(kept.at).max(0.0));
     }
+}
+
+/// Nuisance blocks that outlive the belief they belonged to.
+#[derive(Clone, Debug)]
+pub struct KeptBlocks {
+    at: SimTime,
+    values: BTreeMap<Name, DVector<f64>>,
+    /// In the order of the blocks' columns.
+    covariance: DMatrix<f64>,
 }
 
 /// Moves a pose by the six entries of `error` from `at` on: position, then pointing, then roll.

@@ -6,88 +6,29 @@
 //! predicted from entry to entry, so any order of arrival within the lag gives the same bits.
 //!
 //! Life of a belief: it starts from the first measurement that carries a fix (or from `[track.prior]`), never from truth. It
-//! is given up after `reacquire_after` refusals in a row, or when its position's standard deviation exceeds
-//! `lost_position_sigma_m`; [`Eskf::predicted_pose`] then is `None`, front ends start cold, and the next fix starts it anew.
+//! is given up after `reacquire_after` refusals in a row of one sensor, unless another sensor that speaks about the position
+//! was accepted within the lag (then the one is broken and not the belief), or when its position's standard deviation exceeds
+//! `lost_position_sigma_m`; [`Filter::predicted_pose`] then is `None`, front ends start cold, and the next fix starts it anew.
+//! Nuisance blocks outlive the loss with their own covariance, as a wrong pose says nothing against a sensor's bias; but for
+//! a belief that was lost before it had been accepted as often as it takes to lose one: its blocks are under suspicion too.
+//!
+//! A measurement about an instant after everything that has arrived so far, itself included, claims to come from the future. It
+//! is refused: once taken, it would make all others too late.
 
-use crate::belief::Belief;
+use crate::belief::{Belief, KeptBlocks};
+use crate::filter::{Counters, Filter, FilterSetup, Offered, Refused, Verdict};
 use crate::gate::Gate;
 use crate::options::{EskfOptions, PriorOptions};
-use crate::update::{Innovation, propose, worst_channels};
+use crate::update::{propose, worst_channels};
 use lumenav_core::pose::exp_so3;
 use lumenav_core::time::nanoseconds;
 use lumenav_core::{
-    BlockSpec, FixKind, Measurement, ModalityError, MotionInput, Name, PoseEstimate, PosePrior, PriorUse,
-    PublishedEstimate, Reading, SimTime,
+    BlockSpec, ConfigError, FixKind, Instant, Linearization, Measurement, ModalityError, MotionInput, Name,
+    Node, Part, PoseEstimate, PosePrior, PriorUse, PublishedEstimate, Reading, SimTime,
 };
 use nalgebra::{Isometry3, Matrix6, Translation3, Vector3};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
-
-/// How often what happened, since the start of the run.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Measurements that entered the belief.
-    pub accepted: u64,
-    /// Measurements beyond the chi-square gate.
-    pub gated: u64,
-    /// Measurements and motion readings older than the lag.
-    pub too_late: u64,
-    /// Measurements that came before there was a belief and could not start one.
-    pub not_started: u64,
-    /// Measurements whose value contains the prior.
-    pub contained_prior: u64,
-    /// Updates whose algebra or model failed.
-    pub failed: u64,
-    /// Times a belief was started from a fix.
-    pub starts: u64,
-    /// Times a belief was given up.
-    pub losses: u64,
-}
-
-/// Why a measurement was refused.
-#[derive(Clone, Debug)]
-pub enum Refused {
-    /// Beyond the gate.
-    Gate {
-        /// The innovation.
-        innovation: Innovation,
-        /// The threshold it exceeded.
-        threshold: f64,
-        /// Channels that speak loudest against the prediction: index, standardised residual.
-        worst_channels: Vec<(usize, f64)>,
-    },
-    /// Older than the lag by so many seconds.
-    TooLate {
-        /// How far behind, s.
-        by_s: f64,
-    },
-    /// There is no belief and the measurement carries no fix.
-    NotStarted,
-    /// Its value contains the prior.
-    ContainsPrior,
-    /// It could not be computed.
-    Failed(String),
-}
-
-/// What became of a measurement.
-#[derive(Clone, Debug)]
-pub enum Verdict {
-    /// It entered the belief.
-    Accepted(Innovation),
-    /// It started the belief.
-    Started,
-    /// It did not enter.
-    Refused(Refused),
-}
-
-/// The answer to an offered measurement.
-#[derive(Clone, Debug)]
-pub struct Offered {
-    /// What became of it.
-    pub verdict: Verdict,
-    /// Whether the belief was given up because of it, and why.
-    pub lost: Option<String>,
-}
 
 /// What an entry of the log does.
 #[derive(Clone)]
@@ -111,11 +52,23 @@ struct Entry {
     before: Stage,
 }
 
-/// Belief and streak of refusals: what a replay takes back.
+/// What a replay takes back.
 #[derive(Clone, Default)]
 struct Stage {
     belief: Option<Belief>,
+    /// Measurements accepted since the belief started.
+    accepted: u32,
+    streaks: BTreeMap<Name, Streak>,
+    /// Blocks of the belief before this one.
+    kept: Option<Arc<KeptBlocks>>,
+}
+
+/// How one sensor fares.
+#[derive(Clone, Copy, Default)]
+struct Streak {
     refused_in_a_row: u32,
+    /// When it was last accepted and spoke about the position; `None` once it is refused again.
+    vouched_at: Option<SimTime>,
 }
 
 /// The error-state extended Kalman filter.
@@ -183,48 +136,40 @@ impl Eskf {
         belief
     }
 
-    /// Counters since the start.
-    pub fn counters(&self) -> &Counters {
-        &self.counters
-    }
-
     /// The belief now; `None` before the start and after a loss.
     pub fn belief(&self) -> Option<&Belief> {
         self.stage.belief.as_ref()
     }
 
-    /// The prediction at an instant, for a front end's start point; `None` where there is no belief, or the instant is older
-    /// than the newest measurement (a late reading: its front end starts without help rather than from the future).
-    pub fn predicted_pose(&self, at: SimTime) -> Option<PosePrior> {
-        let mut belief = self.stage.belief.clone()?;
-        if at < belief.at {
+    /// The belief with everything up to `at` and nothing after it, brought to `at`.
+    fn belief_at(&self, at: SimTime) -> Option<Belief> {
+        if at < self.oldest() {
             return None;
         }
+        let place = self.log.partition_point(|entry| entry.key.0 <= at);
+        let stage = self.log.get(place).map_or(&self.stage, |next| &next.before);
+        let mut belief = stage.belief.clone().filter(|belief| belief.at <= at)?;
         belief.predict(at, &self.options.motion);
-        let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
-        (!vague).then(|| PosePrior { at, pose: belief.pose() })
+        Some(belief)
     }
 
-    /// The estimate at the belief's own time.
-    pub fn estimate(&self) -> Option<PublishedEstimate> {
-        let belief = self.stage.belief.as_ref()?;
-        Some(PublishedEstimate {
+    fn published(&self, belief: &Belief) -> PublishedEstimate {
+        PublishedEstimate {
             at: belief.at,
             available: self.arrived.max(belief.at),
             pose: belief.pose(),
             velocity_world_m_s: Some(belief.state.velocity_world_m_s),
-        })
+        }
     }
 
-    /// Tells which instants a sensor's front end wants clones of from now on. One older than the lag cannot be had any more; a
-    /// measurement that refers to it will be refused.
-    pub fn want_clones(&mut self, sensor: &Name, instants: Vec<SimTime>) {
-        let old = self.wanted.insert(sensor.clone(), instants.clone()).unwrap_or_default();
-        let oldest = self.oldest();
-        for at in instants.into_iter().filter(|at| *at >= oldest && !old.contains(at)) {
-            self.insert((at, 2, sensor.clone(), 0), Action::Clone);
+    /// Why something about `at` that arrived at `arrival` cannot be taken for its time.
+    fn untimely(&self, at: SimTime, arrival: SimTime) -> Option<Refused> {
+        let (oldest, now) = (self.oldest(), self.arrived.max(arrival));
+        if at > now {
+            let ahead_s = at.since_s(now);
+            return Some(Refused::Failed(format!("its instant lies {ahead_s:.3} s after its arrival")));
         }
-        self.drop_clones();
+        (at < oldest).then(|| Refused::TooLate { by_s: oldest.since_s(at) })
     }
 
     /// Drops clones that nobody wants and no replay can ask for. After a replay as well, which brings dropped ones back: the
@@ -242,50 +187,18 @@ impl Eskf {
         SimTime(self.newest.0.saturating_sub(nanoseconds(self.options.lag_s.0))).max(self.begins)
     }
 
-    /// An inertial reading that drives the prediction.
-    pub fn offer_motion(&mut self, reading: Reading, input: Arc<dyn MotionInput>) {
-        if reading.interval.1 < self.oldest() {
-            self.counters.too_late += 1;
-            return;
-        }
-        self.arrived = self.arrived.max(reading.arrival);
-        let key = (reading.interval.1, 0, reading.sensor.clone(), reading.sequence);
-        self.insert(key, Action::Motion(Arc::new(reading), input));
-    }
-
-    /// A measurement. It is put in its place in time and the belief follows.
-    pub fn offer(&mut self, measurement: Measurement) -> Offered {
-        if measurement.prior_use == PriorUse::Contained {
-            self.counters.contained_prior += 1;
-            return Offered { verdict: Verdict::Refused(Refused::ContainsPrior), lost: None };
-        }
-        let oldest = self.oldest();
-        if measurement.at < oldest {
-            self.counters.too_late += 1;
-            let by_s = oldest.since_s(measurement.at);
-            return Offered { verdict: Verdict::Refused(Refused::TooLate { by_s }), lost: None };
-        }
-        self.arrived = self.arrived.max(measurement.arrival);
-        let key = (measurement.at, 1, measurement.sensor.clone(), measurement.sequence);
-        let offered = self.insert(key, Action::Measure(Arc::new(measurement)));
-        // An entry that measures always answers.
-        let offered =
-            offered.unwrap_or(Offered { verdict: Verdict::Refused(Refused::NotStarted), lost: None });
-        self.count(&offered);
-        offered
-    }
-
-    fn count(&mut self, offered: &Offered) {
+    fn count(&mut self, verdict: &Verdict) {
         let c = &mut self.counters;
-        match &offered.verdict {
-            Verdict::Accepted(_) => c.accepted += 1,
-            Verdict::Started => c.starts += 1,
-            Verdict::Refused(Refused::Gate { .. }) => c.gated += 1,
-            Verdict::Refused(Refused::NotStarted) => c.not_started += 1,
-            Verdict::Refused(Refused::Failed(_)) => c.failed += 1,
-            Verdict::Refused(Refused::TooLate { .. } | Refused::ContainsPrior) => {}
-        }
-        c.losses += u64::from(offered.lost.is_some());
+        let counter = match verdict {
+            Verdict::Accepted(_) => &mut c.accepted,
+            Verdict::Started => &mut c.starts,
+            Verdict::Refused(Refused::Gate { .. }) => &mut c.gated,
+            Verdict::Refused(Refused::NotStarted) => &mut c.not_started,
+            Verdict::Refused(Refused::Failed(_)) => &mut c.failed,
+            Verdict::Refused(Refused::TooLate { .. }) => &mut c.too_late,
+            Verdict::Refused(Refused::ContainsPrior) => &mut c.contained_prior,
+        };
+        *counter += 1;
     }
 
     /// Puts an entry in its place, applies it and everything after it again; the entry's own answer.
@@ -328,24 +241,32 @@ impl Eskf {
                 }
                 None
             }
-            Action::Motion(reading, input) => {
-                self.apply_motion(at, reading, input.as_ref());
-                None
-            }
+            Action::Motion(reading, input) => self
+                .apply_motion(at, reading, input.as_ref())
+                .err()
+                .map(|error| Offered::refused(Refused::Failed(error.to_string()))),
             Action::Measure(measurement) => Some(self.apply_measurement(measurement)),
         }
     }
 
-    fn apply_motion(&mut self, at: SimTime, reading: &Reading, input: &dyn MotionInput) {
+    /// A reading that makes no sense drives nothing; the prediction goes on without it.
+    fn apply_motion(
+        &mut self,
+        at: SimTime,
+        reading: &Reading,
+        input: &dyn MotionInput,
+    ) -> Result<(), ModalityError> {
         let motion = self.options.motion;
-        if let Some(belief) = &mut self.stage.belief {
-            belief.predict(reading.interval.0, &motion);
-            match input.sample(reading, &belief.state) {
-                Ok(sample) => belief.predict_with_rate(at, &motion, &sample),
-                // A reading that makes no sense drives nothing; the prediction goes on without it.
-                Err(_) => belief.predict(at, &motion),
+        let Some(belief) = &mut self.stage.belief else { return Ok(()) };
+        belief.predict(reading.interval.0, &motion);
+        match input.sample(reading, &belief.state) {
+            Ok(sample) => belief.predict_with_rate(at, &motion, &sample),
+            Err(error) => {
+                belief.predict(at, &motion);
+                return Err(error);
             }
         }
+        Ok(())
     }
 
     fn apply_measurement(&mut self, measurement: &Measurement) -> Offered {
@@ -353,6 +274,7 @@ impl Eskf {
         belief.predict(measurement.at, &self.options.motion);
         let (weakest, _) = belief.weakest_direction();
         if weakest > self.options.lost_position_sigma_m.0 {
+            self.give_up(&belief);
             let mut offered = self.start_from(measurement);
             offered.lost = Some(format!(
                 "position known to {:.0} mm only (limit {:.0} mm)",
@@ -361,53 +283,166 @@ impl Eskf {
             ));
             return offered;
         }
-        let verdict = self.update(&mut belief, measurement);
+        let (verdict, of_position) = self.update(&mut belief, measurement);
         let refused = matches!(verdict, Verdict::Refused(_));
-        self.stage.refused_in_a_row = if refused { self.stage.refused_in_a_row + 1 } else { 0 };
-        let lost = (self.stage.refused_in_a_row >= self.options.reacquire_after.max(1))
-            .then(|| format!("{} measurements in a row were refused", self.stage.refused_in_a_row));
+        self.stage.accepted = self.stage.accepted.saturating_add(u32::from(!refused));
+        let lost = self.follow_streak(measurement, refused, of_position);
         if lost.is_some() {
-            self.stage = Stage::default();
+            self.give_up(&belief);
         } else {
             self.stage.belief = Some(belief);
         }
         Offered { verdict, lost }
     }
 
-    fn start_from(&mut self, measurement: &Measurement) -> Offered {
-        self.stage = Stage::default();
-        let verdict = match &measurement.fix {
-            Some(fix) => {
-                self.stage.belief = Some(self.fresh_belief(measurement.at, fix));
-                Verdict::Started
-            }
-            None => Verdict::Refused(Refused::NotStarted),
-        };
-        Offered { verdict, lost: None }
+    /// Follows how a sensor fares; why the belief is to be given up, where it is.
+    fn follow_streak(
+        &mut self,
+        measurement: &Measurement,
+        refused: bool,
+        of_position: bool,
+    ) -> Option<String> {
+        let streak = self.stage.streaks.entry(measurement.sensor.clone()).or_default();
+        if !refused {
+            streak.refused_in_a_row = 0;
+            streak.vouched_at = of_position.then_some(measurement.at);
+            return None;
+        }
+        streak.refused_in_a_row = streak.refused_in_a_row.saturating_add(1);
+        streak.vouched_at = None;
+        let count = streak.refused_in_a_row;
+        let since = measurement.at - nanoseconds(self.options.lag_s.0);
+        let vouched = self.stage.streaks.values().any(|other| other.vouched_at.is_some_and(|at| at >= since));
+        (count >= self.reacquire_after() && !vouched)
+            .then(|| format!("{count} measurements in a row of sensor `{}` were refused", measurement.sensor))
     }
 
-    /// Proposes, gates and applies; the belief keeps its prediction where the measurement is refused.
-    fn update(&mut self, belief: &mut Belief, measurement: &Measurement) -> Verdict {
+    fn reacquire_after(&self) -> u32 {
+        self.options.reacquire_after.max(1)
+    }
+
+    fn give_up(&mut self, belief: &Belief) {
+        let held = self.stage.accepted >= self.reacquire_after();
+        let kept = held.then(|| Arc::new(belief.kept_blocks()));
+        self.stage = Stage { kept, ..Stage::default() };
+    }
+
+    fn start_from(&mut self, measurement: &Measurement) -> Offered {
+        let Some(fix) = &measurement.fix else { return Offered::refused(Refused::NotStarted) };
+        let mut belief = self.fresh_belief(measurement.at, fix);
+        if let Some(kept) = &self.stage.kept {
+            belief.restore_blocks(kept);
+        }
+        self.stage = Stage { belief: Some(belief), ..Stage::default() };
+        Offered { verdict: Verdict::Started, lost: None }
+    }
+
+    /// Proposes, gates and applies; the belief keeps its prediction where the measurement is refused. Beside the verdict
+    /// whether the measurement speaks about where the capsule is.
+    fn update(&mut self, belief: &mut Belief, measurement: &Measurement) -> (Verdict, bool) {
         let proposal = match propose(belief, measurement, self.options.max_iterations) {
             Ok(proposal) => proposal,
-            Err(error) => return failed(&error),
+            Err(error) => return (Verdict::Refused(Refused::Failed(error.to_string())), false),
         };
+        let of_position = measurement.since.is_none() && speaks_of_position(&proposal.first, belief);
         let innovation = proposal.innovation.clone();
         let threshold = self.gate.threshold(innovation.degrees_of_freedom);
         if innovation.chi_square.is_nan() || innovation.chi_square > threshold {
             let worst_channels = worst_channels(&proposal.first, 3);
-            return Verdict::Refused(Refused::Gate { innovation, threshold, worst_channels });
+            return (Verdict::Refused(Refused::Gate { innovation, threshold, worst_channels }), of_position);
         }
         if !proposal.is_sound() {
-            return Verdict::Refused(Refused::Failed(
-                "the update leaves numbers that are not finite".to_owned(),
-            ));
+            let why = "the update leaves numbers that are not finite".to_owned();
+            return (Verdict::Refused(Refused::Failed(why)), of_position);
         }
         proposal.apply(belief);
-        Verdict::Accepted(innovation)
+        (Verdict::Accepted(innovation), of_position)
     }
 }
 
-fn failed(error: &ModalityError) -> Verdict {
-    Verdict::Refused(Refused::Failed(error.to_string()))
+/// Whether the position now stands in the measurement, as it does not in an attitude's.
+fn speaks_of_position(linearization: &Linearization, belief: &Belief) -> bool {
+    let now = Part::Pose(Instant::Now);
+    match linearization {
+        Linearization::Residual { jacobian, .. } => jacobian
+            .iter()
+            .any(|(part, matrix)| *part == now && matrix.columns_range(..3).iter().any(|v| *v != 0.0)),
+        Linearization::Information { parts, information, .. } => {
+            let before = parts.iter().take_while(|part| **part != now);
+            let start: usize = before.filter_map(|part| belief.columns(part)).map(|(_, width)| width).sum();
+            parts.contains(&now) && information.columns_range(start..start + 3).iter().any(|v| *v != 0.0)
+        }
+    }
+}
+
+impl Filter for Eskf {
+    fn offer(&mut self, measurement: Measurement) -> Offered {
+        let refused = if measurement.prior_use == PriorUse::Contained {
+            Some(Refused::ContainsPrior)
+        } else {
+            self.untimely(measurement.at, measurement.arrival)
+        };
+        let offered = match refused {
+            Some(why) => Offered::refused(why),
+            None => {
+                self.arrived = self.arrived.max(measurement.arrival);
+                let key = (measurement.at, 1, measurement.sensor.clone(), measurement.sequence);
+                let offered = self.insert(key, Action::Measure(Arc::new(measurement)));
+                // An entry that measures always answers.
+                offered.unwrap_or(Offered::refused(Refused::NotStarted))
+            }
+        };
+        self.count(&offered.verdict);
+        self.counters.losses += u64::from(offered.lost.is_some());
+        offered
+    }
+
+    fn offer_motion(&mut self, reading: Reading, input: Arc<dyn MotionInput>) -> Option<Refused> {
+        let refused = self.untimely(reading.interval.1, reading.arrival).or_else(|| {
+            self.arrived = self.arrived.max(reading.arrival);
+            let key = (reading.interval.1, 0, reading.sensor.clone(), reading.sequence);
+            match self.insert(key, Action::Motion(Arc::new(reading), input))?.verdict {
+                Verdict::Refused(why) => Some(why),
+                Verdict::Accepted(_) | Verdict::Started => None,
+            }
+        })?;
+        self.count(&Verdict::Refused(refused.clone()));
+        Some(refused)
+    }
+
+    fn want_clones(&mut self, sensor: &Name, instants: Vec<SimTime>) {
+        let old = self.wanted.insert(sensor.clone(), instants.clone()).unwrap_or_default();
+        let oldest = self.oldest();
+        for at in instants.into_iter().filter(|at| *at >= oldest && !old.contains(at)) {
+            self.insert((at, 2, sensor.clone(), 0), Action::Clone);
+        }
+        self.drop_clones();
+    }
+
+    fn predicted_pose(&self, at: SimTime) -> Option<PosePrior> {
+        let belief = self.belief_at(at)?;
+        let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
+        (!vague).then(|| PosePrior { at, pose: belief.pose() })
+    }
+
+    fn predicted_estimate(&self, at: SimTime) -> Option<PublishedEstimate> {
+        self.belief_at(at).map(|belief| self.published(&belief))
+    }
+
+    fn estimate(&self) -> Option<PublishedEstimate> {
+        self.stage.belief.as_ref().map(|belief| self.published(belief))
+    }
+
+    fn counters(&self) -> &Counters {
+        &self.counters
+    }
+}
+
+/// The filter of a scenario's `[track.filter]`.
+pub(crate) fn build(options: &Node, setup: FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
+    let mut eskf = Eskf::new(options.parse()?, setup.blocks);
+    if let Some(prior) = setup.prior {
+        eskf = eskf.with_prior(&prior.parse::<PriorOptions>()?);
+    }
+    Ok(Some(Box::new(eskf)))
 }

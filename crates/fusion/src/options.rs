@@ -1,4 +1,4 @@
-//! What a user may set of the filter: the `[track.options]` and `[track.prior]` tables.
+//! What a user may set of the filter: the `[track.filter]` and `[track.prior]` tables.
 
 use lumenav_core::MotionModel;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};

@@ -29,7 +29,9 @@
 //! A strongly nonlinear model is re-linearised (Gauss-Newton on the posterior: Bell and Cathey 1993): with e the error from
 //! the predicted to the current state, derivatives by the current state's error are turned into derivatives by e (rotation
 //! columns times the Jacobian G of the correction, see [`crate::belief`]), and b is replaced by b + A e. Steps that lead uphill
-//! are halved. The fixed point is the posterior's mode.
+//! are halved. The fixed point is the posterior's mode. What is applied was seen to lead downhill, but for a last step below a
+//! hundredth of a standard deviation; where no step does, the covariance of the first linearization has nothing to do with
+//! the posterior and the update fails.
 
 use crate::belief::Belief;
 use crate::compress::{Compressed, Evidence, compress, log_of_product};
@@ -145,9 +147,10 @@ pub fn propose(
     let gain = Gain::new(belief, &compressed.columns)?;
     let mut solution = gain.solve(&compressed.information, &compressed.gradient)?;
     let mut innovation = innovation_of(&compressed, &gain, &solution);
-    if measurement.model.strongly_nonlinear() {
-        let last = iterate(belief, measurement, &compressed, &gain, &mut solution, max_iterations)?;
-        if let Some(last) = last.filter(|last| matches!(last.evidence, Evidence::Information { .. })) {
+    if measurement.model.strongly_nonlinear() && max_iterations > 1 {
+        let task = Iteration { belief, measurement, first: &compressed, gain: &gain };
+        let last = task.run(&mut solution, max_iterations)?;
+        if matches!(last.evidence, Evidence::Information { .. }) {
             innovation = innovation_of(&last, &gain, &solution);
         }
     }
@@ -155,45 +158,77 @@ pub fn propose(
     Ok(Proposal { innovation, first, error: solution.error, covariance })
 }
 
-/// Gauss-Newton from the first solution on; steps that lead uphill are halved. The last linearization that was solved.
-fn iterate(
-    belief: &Belief,
-    measurement: &Measurement,
-    first: &Compressed,
-    gain: &Gain,
-    solution: &mut Solution,
-    max_iterations: u32,
-) -> Result<Option<Compressed>, ModalityError> {
-    let mut accepted = DVector::zeros(belief.dimension());
-    let mut accepted_cost = first.misfit();
-    let mut last = None;
-    for _ in 1..max_iterations {
-        let moved = belief.moved_state(&solution.error);
-        let mut again = compress(&measurement.model.linearize(measurement, &moved)?, belief, &moved)?;
-        if again.columns != first.columns {
-            return Err(ModalityError::Undefined("a model changed its parts between iterations".into()));
+/// How often a step is halved before its direction counts as leading uphill: a thousandth of it is left.
+const MAX_HALVINGS: u32 = 10;
+
+/// Gauss-Newton on the posterior of one measurement.
+struct Iteration<'a> {
+    belief: &'a Belief,
+    measurement: &'a Measurement,
+    /// The linearization at the prediction.
+    first: &'a Compressed,
+    gain: &'a Gain,
+}
+
+impl Iteration<'_> {
+    /// From the first solution on; the last linearization that was solved. `solution` ends at an error that was seen to lead
+    /// downhill (or is a hundredth of a standard deviation from one), with the covariance of the linearization there.
+    fn run(&self, solution: &mut Solution, max_iterations: u32) -> Result<Compressed, ModalityError> {
+        let mut accepted = DVector::zeros(self.belief.dimension());
+        let mut cost = self.first.misfit();
+        let mut last = None;
+        for _ in 1..max_iterations {
+            let Some((mut again, lower)) = self.downhill(&accepted, &mut solution.error, cost)? else {
+                solution.error = accepted;
+                return last.ok_or_else(uphill);
+            };
+            again.seen_from_prior(&solution.error);
+            let next = self.gain.solve(&again.information, &again.gradient)?;
+            let step = self.gain.standardised(&(&next.error - &solution.error), &again.columns);
+            // In posterior standard deviations: |Lᵀ C⁻¹ step|.
+            let change = next.factor.tr_mul(&step.transpose()).norm();
+            accepted = std::mem::replace(solution, next).error;
+            cost = lower;
+            last = Some(again);
+            // A hundredth of a standard deviation: below what the next reading can tell.
+            if change < 1e-2 {
+                return last.ok_or_else(uphill);
+            }
         }
-        let start = gain.standardised(&solution.error, &again.columns);
-        let cost = again.misfit() + 0.5 * start.norm_squared();
-        // Differences below a billionth are rounding.
-        if cost.is_nan() || cost > accepted_cost + 1e-9 * (1.0 + accepted_cost.abs()) {
-            solution.error = (&accepted + &solution.error) * 0.5;
-            continue;
+        // Not converged: the last step counts as far as it leads downhill.
+        if self.downhill(&accepted, &mut solution.error, cost)?.is_none() {
+            solution.error = accepted;
         }
-        again.seen_from_prior(&solution.error);
-        let next = gain.solve(&again.information, &again.gradient)?;
-        let step = gain.standardised(&(&next.error - &solution.error), &again.columns);
-        // In posterior standard deviations: |Lᵀ C⁻¹ step|.
-        let change = next.factor.tr_mul(&step.transpose()).norm();
-        accepted = std::mem::replace(solution, next).error;
-        accepted_cost = cost;
-        last = Some(again);
-        // A hundredth of a standard deviation: below what the next reading can tell.
-        if change < 1e-2 {
-            break;
-        }
+        last.ok_or_else(uphill)
     }
-    Ok(last)
+
+    /// Halves the way from `accepted` to `error` until it leads downhill: the linearization there and its cost.
+    fn downhill(
+        &self,
+        accepted: &DVector<f64>,
+        error: &mut DVector<f64>,
+        accepted_cost: f64,
+    ) -> Result<Option<(Compressed, f64)>, ModalityError> {
+        for _ in 0..=MAX_HALVINGS {
+            let moved = self.belief.moved_state(error);
+            let linearization = self.measurement.model.linearize(self.measurement, &moved)?;
+            let again = compress(&linearization, self.belief, &moved)?;
+            if again.columns != self.first.columns {
+                return Err(ModalityError::Undefined("a model changed its parts between iterations".into()));
+            }
+            let cost = again.misfit() + 0.5 * self.gain.standardised(error, &again.columns).norm_squared();
+            // Differences below a billionth are rounding.
+            if cost <= accepted_cost + 1e-9 * (1.0 + accepted_cost.abs()) {
+                return Ok(Some((again, cost)));
+            }
+            *error = (accepted + &*error) * 0.5;
+        }
+        Ok(None)
+    }
+}
+
+fn uphill() -> ModalityError {
+    ModalityError::Undefined("no step of the iterated update leads downhill".into())
 }
 
 impl Proposal {

@@ -2,8 +2,9 @@
 
 use crate::error::RunError;
 use crate::events::{RunHeader, SensorHeader, TrackHeader};
-use crate::track::{FilterTable, Input, Track, read_filter};
+use crate::track::{Input, Track, blocks};
 use lumenav_core::{Modality, Name, PathMap, Registry, Sensor, Setup};
+use lumenav_fusion::FilterSetup;
 use lumenav_scenario::{ScenarioFile, SensorEntry};
 use std::sync::Arc;
 
@@ -94,8 +95,14 @@ pub fn tracks(
                 motion_input: estimator.motion_input,
             });
         }
-        let filter = read_filter(&track.filter)?;
-        tracks.push(Track::new(track.name.clone(), inputs, &filter, track.prior.as_ref(), &track.node)?);
+        let setup = FilterSetup {
+            blocks: blocks(&inputs),
+            prior: track.prior.as_ref(),
+            map: map.cloned(),
+            ..FilterSetup::default()
+        };
+        let filter = lumenav_fusion::build(&track.filter, setup)?;
+        tracks.push(Track::new(track.name.clone(), inputs, filter, &track.node)?);
     }
     Ok(tracks)
 }
@@ -107,10 +114,7 @@ pub fn tracks(
 pub fn header(file: &ScenarioFile, seed: u64, trial: u64, has_truth: bool) -> Result<RunHeader, RunError> {
     let mut tracks = Vec::new();
     for track in &file.tracks {
-        let filter = match read_filter(&track.filter)? {
-            FilterTable::None {} => "none",
-            FilterTable::Eskf(_) => "eskf",
-        };
+        let filter = lumenav_fusion::kind_of(&track.filter)?.name;
         let front_end = |node: &lumenav_core::Node| {
             let table = node.to_toml().unwrap_or_default();
             table.get("front_end").and_then(|v| v.as_str()).unwrap_or("default").to_owned()

@@ -1,30 +1,27 @@
 //! One track: the front ends of its sensors and, where it has one, its filter.
+//!
+//! Every reading that is looked at is answered with an estimate, once there is one. Where the filter or the front end refuses
+//! it, the estimate is the filter's prediction: a track is judged where it was wrong, too, and cannot look better by
+//! refusing what contradicts it. A late reading changes what the filter believes of a time that it has published already;
+//! such a step is a *revision*.
 
 use crate::events::Refusal;
 use lumenav_core::{
-    ConfigError, FrontEnd, Measurement, ModalityError, MotionInput, Name, Node, Outcome, PosePrior,
-    PublishedEstimate, Reading,
+    BlockSpec, ConfigError, FrontEnd, Measurement, ModalityError, MotionInput, Name, Node, Outcome,
+    PosePrior, PublishedEstimate, Reading, SimTime,
 };
-use lumenav_fusion::{Eskf, EskfOptions, Offered, PriorOptions, Refused, Verdict};
-use serde::{Deserialize, Serialize};
+use lumenav_fusion::{Filter, Offered, Refused, Verdict};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// `[track.filter]`: which filter, and its options beside.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
-pub enum FilterTable {
-    /// No filter: the front end's own fixes are the track.
-    None {},
-    /// The error-state Kalman filter.
-    Eskf(EskfOptions),
-}
-
 /// What a track says after one reading.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Step {
-    /// The estimate, where there is one.
+    /// The estimate, where there is one: after a refusal the prediction, for an instant that none was published for.
     pub estimate: Option<PublishedEstimate>,
+    /// The estimate is about an instant that this track has published before, and the reading about an earlier one: it came late.
+    /// Whoever counts instants leaves it out.
+    pub revision: bool,
     /// The measurement it came from.
     pub measurement: Option<Measurement>,
     /// Normalised innovation squared and its degrees of freedom.
@@ -55,72 +52,43 @@ pub struct Track {
     pub name: Name,
     /// Its inputs in the file's order.
     pub inputs: Vec<Input>,
-    filter: Option<Eskf>,
+    filter: Option<Box<dyn Filter>>,
+    /// The newest instant published.
+    newest: SimTime,
     /// Counts updates.
     pub updates: u64,
 }
 
-/// Reads `[track.filter]`; absent: `eskf` with its defaults.
-///
-/// # Errors
-/// [`ConfigError`] with file, line and key.
-pub fn read_filter(node: &Node) -> Result<FilterTable, ConfigError> {
-    let table = node.to_toml().unwrap_or_default();
-    let kind = match table.get("kind") {
-        None => "eskf",
-        Some(toml::Value::String(kind)) => kind.as_str(),
-        Some(_) => return Err(node.error_at("kind", "expected a name in quotes; allowed: none, eskf")),
+/// The nuisance states that the inputs of a track ask for.
+pub fn blocks(inputs: &[Input]) -> Vec<BlockSpec> {
+    let of = |input: &Input| {
+        let measured = input.front_end.iter().flat_map(|f| f.blocks());
+        measured.chain(input.motion_input.iter().flat_map(|m| m.blocks())).collect::<Vec<_>>()
     };
-    match kind {
-        "none" if node.keys().len() > 1 => Err(node.error("a track without a filter has no options of one")),
-        "none" => Ok(FilterTable::None {}),
-        "eskf" => Ok(FilterTable::Eskf(node.without("kind").parse()?)),
-        other => Err(node.error_at("kind", &format!("unknown filter `{other}`; allowed: none, eskf"))),
-    }
+    inputs.iter().flat_map(of).collect()
 }
 
 impl Track {
-    /// A track with its inputs; `filter` as read from the file.
+    /// A track with its inputs and its filter, if it has one; `node` is its table in the file.
     ///
     /// # Errors
-    /// [`ConfigError`] where two sensors without a filter contradict each other, or the prior is wrong.
+    /// [`ConfigError`] where a track without a filter has a sensor that makes no poses.
     pub fn new(
         name: Name,
         inputs: Vec<Input>,
-        filter: &FilterTable,
-        prior: Option<&Node>,
+        filter: Option<Box<dyn Filter>>,
         node: &Node,
     ) -> Result<Self, ConfigError> {
-        let filter = match filter {
-            FilterTable::None {} => {
-                if inputs.iter().any(|i| i.front_end.is_none()) {
-                    let message = "without a filter every sensor needs a front end that makes poses";
-                    return Err(node.error_at("sensors", message));
-                }
-                if let Some(prior) = prior {
-                    return Err(prior.error("a track without a filter takes no prior"));
-                }
-                None
-            }
-            FilterTable::Eskf(options) => {
-                let mut blocks = Vec::new();
-                for input in &inputs {
-                    blocks.extend(input.front_end.iter().flat_map(|f| f.blocks()));
-                    blocks.extend(input.motion_input.iter().flat_map(|m| m.blocks()));
-                }
-                let mut eskf = Eskf::new(options.clone(), blocks);
-                if let Some(prior) = prior {
-                    eskf = eskf.with_prior(&prior.parse::<PriorOptions>()?);
-                }
-                Some(eskf)
-            }
-        };
-        Ok(Self { name, inputs, filter, updates: 0 })
+        if filter.is_none() && inputs.iter().any(|i| i.front_end.is_none()) {
+            let message = "without a filter every sensor needs a front end that makes poses";
+            return Err(node.error_at("sensors", message));
+        }
+        Ok(Self { name, inputs, filter, newest: SimTime(i64::MIN), updates: 0 })
     }
 
     /// The filter, where there is one.
-    pub fn filter(&self) -> Option<&Eskf> {
-        self.filter.as_ref()
+    pub fn filter(&self) -> Option<&dyn Filter> {
+        self.filter.as_deref()
     }
 
     /// Takes one reading of one of its sensors.
@@ -132,10 +100,14 @@ impl Track {
             return Ok(Vec::new());
         };
         let begin = Instant::now();
-        if let (Some(motion), Some(filter)) = (&input.motion_input, &mut self.filter) {
-            filter.offer_motion(reading.clone(), motion.clone());
+        let mut steps = Vec::new();
+        if let (Some(motion), Some(filter)) = (&input.motion_input, &mut self.filter)
+            && let Some(refused) = filter.offer_motion(reading.clone(), motion.clone())
+        {
+            let refusal = Some(refusal(refused));
+            steps.push(Step { refusal, compute_s: begin.elapsed().as_secs_f64(), ..Step::default() });
         }
-        let Some(front_end) = &mut input.front_end else { return Ok(Vec::new()) };
+        let Some(front_end) = &mut input.front_end else { return Ok(steps) };
         let prior: Option<PosePrior> = self.filter.as_ref().and_then(|f| f.predicted_pose(reading.at()));
         let outcome = front_end.process(reading, prior.as_ref())?;
         if let Some(filter) = &mut self.filter {
@@ -143,59 +115,76 @@ impl Track {
         }
         let spent = begin.elapsed().as_secs_f64();
         match outcome {
-            Outcome::Nothing => Ok(Vec::new()),
+            Outcome::Nothing => {}
             Outcome::Refused { why } => {
-                let refusal = Refusal::FrontEnd { why: why.to_string() };
-                Ok(vec![Step::refused(None, refusal, None, spent)])
+                let refusal = Some(Refusal::FrontEnd { why: why.to_string() });
+                let estimate = self.predicted(reading.at(), reading.arrival);
+                let step = Step { estimate, refusal, compute_s: spent, ..Step::default() };
+                steps.push(self.published(step, reading.at()));
             }
             Outcome::Measured(measurements) => {
                 let share = spent / measurements.len().max(1) as f64;
-                Ok(measurements.into_iter().map(|m| self.take(m, share)).collect())
+                steps.extend(measurements.into_iter().map(|m| self.take(m, share)));
             }
         }
+        Ok(steps)
     }
 
     fn take(&mut self, measurement: Measurement, front_end_s: f64) -> Step {
         let begin = Instant::now();
-        let Some(filter) = &mut self.filter else { return Step::alone(measurement, front_end_s) };
-        let Offered { verdict, lost } = filter.offer(measurement.clone());
-        let compute_s = front_end_s + begin.elapsed().as_secs_f64();
-        let (nis, started) = match verdict {
-            Verdict::Accepted(innovation) => {
-                (Some((innovation.chi_square, innovation.degrees_of_freedom)), false)
-            }
-            Verdict::Started => (None, true),
-            Verdict::Refused(refused) => {
-                return Step::refused(Some(measurement), refusal(refused), lost, compute_s);
-            }
+        let at = measurement.at;
+        let Some(filter) = &mut self.filter else {
+            let step = Step::alone(measurement, front_end_s);
+            return self.published(step, at);
         };
-        let estimate = filter.estimate();
-        Step { estimate, measurement: Some(measurement), nis, started, refusal: None, lost, compute_s }
+        let Offered { verdict, lost } = filter.offer(measurement.clone());
+        let mut step = Step { lost, ..Step::default() };
+        match verdict {
+            Verdict::Accepted(innovation) => {
+                step.nis = Some((innovation.chi_square, innovation.degrees_of_freedom));
+                step.estimate = filter.estimate();
+            }
+            Verdict::Started => {
+                step.started = true;
+                step.estimate = filter.estimate();
+            }
+            // Older than anything that the filter still knows.
+            Verdict::Refused(Refused::TooLate { by_s }) => step.refusal = Some(Refusal::TooLate { by_s }),
+            Verdict::Refused(refused) => {
+                step.refusal = Some(refusal(refused));
+                step.estimate = self.predicted(at, measurement.arrival);
+            }
+        }
+        step.measurement = Some(measurement);
+        step.compute_s = front_end_s + begin.elapsed().as_secs_f64();
+        self.published(step, at)
+    }
+
+    /// What the filter says where something about `at` was refused: its prediction then, or the belief where that is newer.
+    fn predicted(&self, at: SimTime, arrival: SimTime) -> Option<PublishedEstimate> {
+        let filter = self.filter.as_ref()?;
+        let newer = filter.estimate().filter(|estimate| estimate.at > at);
+        let mut estimate = newer.or_else(|| filter.predicted_estimate(at))?;
+        estimate.available = estimate.available.max(arrival);
+        Some(estimate)
+    }
+
+    /// Follows which instants have been published; `about` is the instant of what the step came from.
+    fn published(&mut self, mut step: Step, about: SimTime) -> Step {
+        if let Some(estimate) = &step.estimate {
+            step.revision = estimate.at > about && estimate.at <= self.newest;
+            self.newest = self.newest.max(estimate.at);
+        }
+        step
     }
 }
 
 impl Step {
-    fn refused(
-        measurement: Option<Measurement>,
-        refusal: Refusal,
-        lost: Option<String>,
-        compute_s: f64,
-    ) -> Self {
-        Self {
-            estimate: None,
-            measurement,
-            nis: None,
-            started: false,
-            refusal: Some(refusal),
-            lost,
-            compute_s,
-        }
-    }
-
     /// A front end's own fix as the estimate of a track without a filter.
     fn alone(measurement: Measurement, compute_s: f64) -> Self {
         let Some(pose) = measurement.fix.clone() else {
-            return Self::refused(Some(measurement), Refusal::NotStarted, None, compute_s);
+            let (measurement, refusal) = (Some(measurement), Some(Refusal::NotStarted));
+            return Self { measurement, refusal, compute_s, ..Self::default() };
         };
         let estimate = PublishedEstimate {
             at: measurement.at,
@@ -203,15 +192,7 @@ impl Step {
             pose,
             velocity_world_m_s: None,
         };
-        Self {
-            estimate: Some(estimate),
-            measurement: Some(measurement),
-            nis: None,
-            started: false,
-            refusal: None,
-            lost: None,
-            compute_s,
-        }
+        Self { estimate: Some(estimate), measurement: Some(measurement), compute_s, ..Self::default() }
     }
 }
 

@@ -3,7 +3,8 @@
 use crate::models::{DirectionsModel, RangeModel, measurement, normal, normal3, positive_definite, values};
 use lumenav_core::pose::exp_so3;
 use lumenav_core::{
-    FixKind, Linearization, Measurement, Noise, PoseEstimate, RandomStream, RandomStreams, SimTime,
+    FixKind, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part, PoseEstimate,
+    RandomStream, RandomStreams, SimTime, StateView,
 };
 use lumenav_fusion::Belief;
 use lumenav_fusion::update::propose;
@@ -128,4 +129,53 @@ fn law_iteration_puts_a_near_range_back_on_its_sphere() {
     let (once, iterated) = (share(false), share(true));
     println!("range within its noise after the update: once {once:.2}, iterated {iterated:.2}");
     assert!(iterated > 0.95 && once < 0.3, "once {once}, iterated {iterated}");
+}
+
+/// `z = p + noise` whose Jacobian has the wrong sign farther than `trusted_m` from the origin.
+struct Treacherous {
+    trusted_m: f64,
+}
+
+impl MeasurementModel for Treacherous {
+    fn linearize(&self, m: &Measurement, at: &dyn StateView) -> Result<Linearization, ModalityError> {
+        let place = at.world_from_capsule(Instant::Now).unwrap().translation.vector;
+        let sign = if place.norm() > self.trusted_m { -1.0 } else { 1.0 };
+        let residual =
+            DVector::from_column_slice(m.value.f64("value")?) - DVector::from_column_slice(place.as_slice());
+        let mut jacobian = DMatrix::zeros(3, 6);
+        (0..3).for_each(|i| jacobian[(i, i)] = sign);
+        let noise = Noise::Diagonal(DVector::from_element(3, 1e-6));
+        Ok(Linearization::Residual { residual, jacobian: vec![(Part::Pose(Instant::Now), jacobian)], noise })
+    }
+
+    fn strongly_nonlinear(&self) -> bool {
+        true
+    }
+}
+
+/// An update of a prior of 10 mm at the origin with a reading of 5 mm off, 1 mm wide.
+fn treacherous(trusted_m: f64) -> (Measurement, Belief) {
+    let value = values("v", &[5e-3, 0.0, 0.0]);
+    let m = measurement("s", 0, SimTime::ZERO, value, Arc::new(Treacherous { trusted_m }));
+    (m, belief(Vector3::zeros(), &(Matrix6::identity() * 1e-4)))
+}
+
+#[test]
+fn law_an_update_without_a_downhill_step_fails() {
+    let (m, belief) = treacherous(-1.0);
+    let why = propose(&belief, &m, 4).unwrap_err().to_string();
+    assert!(why.contains("no step of the iterated update leads downhill"), "{why}");
+    // Asked for a single step, it has none to look back at.
+    assert!(propose(&belief, &m, 1).is_ok());
+}
+
+/// The first step is good and the next ones lead nowhere: what was accepted stays, with the covariance of its own place.
+#[test]
+fn closed_form_an_iteration_that_gets_stuck_keeps_what_it_had() {
+    let (m, belief) = treacherous(1e-3);
+    let mut after = belief.clone();
+    propose(&belief, &m, 4).unwrap().apply(&mut after);
+    let place = after.state.world_from_capsule.translation.vector;
+    assert!((place.x - 5e-3 * 1e-4 / (1e-4 + 1e-6)).abs() < 1e-9, "{place}");
+    assert!((after.covariance[(0, 0)] / (1e-4 * 1e-6 / (1e-4 + 1e-6)) - 1.0).abs() < 1e-9);
 }

@@ -3,7 +3,7 @@
 use crate::models::{Gyro, RelativeModel, gyro_reading, measurement, position_fix, values, white_motion};
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{Measurement, Name, SimTime};
-use lumenav_fusion::{Eskf, EskfOptions, PriorOptions, Refused, Verdict};
+use lumenav_fusion::{Eskf, EskfOptions, Filter as _, PriorOptions, Refused, Verdict};
 use nalgebra::Vector3;
 use std::sync::Arc;
 

@@ -6,3 +6,4 @@ mod iteration;
 mod life;
 mod models;
 mod order;
+mod refusal;

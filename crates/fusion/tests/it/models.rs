@@ -82,6 +82,30 @@ impl MeasurementModel for PositionModel {
     }
 }
 
+/// `z = p + b + noise`, with the block `bias_m`.
+pub struct BiasedModel {
+    pub sigma_m: f64,
+}
+
+impl MeasurementModel for BiasedModel {
+    fn linearize(&self, m: &Measurement, at: &dyn StateView) -> Result<Linearization, ModalityError> {
+        let pose = at.world_from_capsule(Instant::Now).ok_or(ModalityError::MissingState("the pose now"))?;
+        let bias = at.block("bias_m").ok_or_else(|| ModalityError::MissingBlock("bias_m".to_owned()))?;
+        let expected = pose.translation.vector + bias;
+        let residual = DVector::from_column_slice(m.value.f64("value")?) - expected;
+        let mut jacobian = DMatrix::zeros(3, 6);
+        jacobian.fill_diagonal(1.0);
+        Ok(Linearization::Residual {
+            residual: DVector::from_column_slice(residual.as_slice()),
+            jacobian: vec![
+                (Part::Pose(Instant::Now), jacobian),
+                (Part::Block("bias_m".into()), DMatrix::identity(3, 3)),
+            ],
+            noise: Noise::Diagonal(DVector::from_element(3, self.sigma_m.powi(2))),
+        })
+    }
+}
+
 /// A position reading that can also start a filter.
 pub fn position_fix(
     sensor: &str,

@@ -115,4 +115,8 @@ impl MeasurementModel for FixOfFlux {
         let raw = Measurement { value: self.reading.clone(), ..m.clone() };
         self.flux.expected_information(&raw, at)
     }
+
+    fn strongly_nonlinear(&self) -> bool {
+        FixModel.strongly_nonlinear()
+    }
 }

@@ -1,0 +1,176 @@
+//! A track from outside: what it publishes where readings are refused or late, and how it is built from a file.
+
+use lumenav_core::fix::FixModel;
+use lumenav_core::{
+    FixKind, Frame, FrontEnd, Measurement, ModalityError, Name, Node, Outcome, PoseEstimate, PosePrior,
+    PriorUse, Reading, Schema, SimTime,
+};
+use lumenav_fusion::FilterSetup;
+use lumenav_pipeline::Refusal;
+use lumenav_pipeline::track::{Input, Step, Track, blocks};
+use nalgebra::{Isometry3, Matrix6};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+fn tenth(k: i64) -> SimTime {
+    SimTime(100_000_000 * k)
+}
+
+/// Reads a position along x, mm, 2 mm wide; a reading of 999 is one it refuses.
+struct Line;
+
+impl FrontEnd for Line {
+    fn process(&mut self, reading: &Reading, _prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
+        let x_mm = reading.payload.f64("value")?[0];
+        if x_mm > 998.0 {
+            return Ok(Outcome::Refused { why: "saturated".into() });
+        }
+        let mut covariance = Matrix6::zeros();
+        (0..3).for_each(|i| covariance[(i, i)] = 4e-6);
+        let pose = Isometry3::translation(x_mm * 1e-3, 0.0, 0.0);
+        let fix = PoseEstimate { world_from_capsule: pose, covariance, kind: FixKind::Position };
+        Ok(Outcome::Measured(vec![Measurement {
+            sensor: reading.sensor.clone(),
+            sequence: reading.sequence,
+            at: reading.at(),
+            arrival: reading.arrival,
+            since: None,
+            value: Arc::new(fix.to_frame()),
+            model: Arc::new(FixModel),
+            prior_use: PriorUse::None,
+            fix: Some(fix),
+        }]))
+    }
+}
+
+fn reading(sensor: &str, k: i64, arrival: SimTime, x_mm: f64) -> Reading {
+    let schema = Schema::channels("line/1", "value", vec!["x_mm".to_owned()]);
+    Reading {
+        sensor: Name::from(sensor),
+        sequence: k as u64,
+        interval: (tenth(k), tenth(k)),
+        arrival,
+        known_poses: BTreeMap::new(),
+        payload: Frame::of_values(schema, vec![x_mm]).unwrap(),
+    }
+}
+
+fn node(text: &str) -> Node {
+    Node::parse_text(text, "test.toml", Path::new("."), &[]).unwrap()
+}
+
+fn track(filter: &str) -> Track {
+    let input =
+        |name: &str| Input { sensor: Name::from(name), front_end: Some(Box::new(Line)), motion_input: None };
+    let inputs = vec![input("fast"), input("slow")];
+    let setup = FilterSetup { blocks: blocks(&inputs), ..FilterSetup::default() };
+    let filter = lumenav_fusion::build(&node(filter), setup).unwrap();
+    Track::new(Name::from("t"), inputs, filter, &node("")).unwrap()
+}
+
+fn one(track: &mut Track, reading: &Reading) -> Step {
+    let mut steps = track.process(reading).unwrap();
+    assert_eq!(steps.len(), 1);
+    steps.remove(0)
+}
+
+/// A filter that refuses what contradicts it is judged there as well: every instant has an estimate, the gated ones the
+/// prediction with the covariance it had then. Left out, its mean error would be that of its good moments.
+#[test]
+fn law_a_gating_filter_is_judged_at_every_instant() {
+    let mut track = track("kind = \"eskf\"");
+    let (mut published, mut gated) = (Vec::new(), 0);
+    for k in 0..60 {
+        let jumped = (20..26).contains(&k);
+        let x_mm = if k == 30 {
+            999.0
+        } else if jumped {
+            300.0
+        } else {
+            0.5 * k as f64
+        };
+        let step = one(&mut track, &reading("fast", k, tenth(k), x_mm));
+        let estimate = step.estimate.unwrap();
+        assert!(!step.revision);
+        match &step.refusal {
+            Some(Refusal::Gate { .. }) => gated += 1,
+            Some(Refusal::FrontEnd { why }) => assert!(k == 30 && why == "saturated"),
+            Some(other) => panic!("{k}: {other:?}"),
+            None => assert!(!jumped && step.nis.is_some() != step.started),
+        }
+        let off_mm = (estimate.pose.world_from_capsule.translation.x * 1e3 - 0.5 * k as f64).abs();
+        assert!(off_mm < 2.0, "{k}: {off_mm}");
+        published.push((estimate.at, estimate.available, estimate.pose.covariance[(0, 0)]));
+    }
+    assert_eq!(gated, 6);
+    let expected: Vec<_> = (0..60).map(|k| (tenth(k), tenth(k))).collect();
+    assert_eq!(published.iter().map(|p| (p.0, p.1)).collect::<Vec<_>>(), expected);
+    // The longer it refuses, the less sure it is.
+    assert!((20..25).all(|k| published[k + 1].2 > published[k].2));
+    assert!(published[26].2 < published[25].2);
+    assert_eq!(track.filter().unwrap().counters().gated, 6);
+}
+
+#[test]
+fn law_a_late_measurement_revises_and_does_not_count_an_instant_twice() {
+    for late_x_mm in [2.0, 300.0] {
+        let mut track = track("kind = \"eskf\"");
+        let mut instants = Vec::new();
+        for k in 0..20 {
+            let step = one(&mut track, &reading("fast", k, tenth(k), 0.5 * k as f64));
+            assert!(!step.revision);
+            instants.push(step.estimate.unwrap().at);
+            if k == 10 {
+                // About the instant 4, four tenths of a second later.
+                let step = one(&mut track, &reading("slow", 4, tenth(10), late_x_mm));
+                assert_eq!(step.refusal.is_some(), late_x_mm > 100.0);
+                let estimate = step.estimate.unwrap();
+                assert_eq!((estimate.at, step.revision), (tenth(10), true), "{late_x_mm}");
+            }
+        }
+        instants.dedup();
+        assert_eq!(instants.len(), 20);
+    }
+}
+
+/// Late, but newer than anything published: the first word about its instant.
+#[test]
+fn law_a_delayed_sensor_alone_revises_nothing() {
+    let mut track = track("kind = \"eskf\"");
+    for k in 0..10 {
+        let step = one(&mut track, &reading("slow", k, tenth(k + 3), 0.0));
+        let estimate = step.estimate.unwrap();
+        assert_eq!((estimate.at, estimate.available, step.revision), (tenth(k), tenth(k + 3), false));
+    }
+    // Beyond the lag there is nothing to say.
+    one(&mut track, &reading("fast", 60, tenth(60), 0.0));
+    let step = one(&mut track, &reading("slow", 11, tenth(61), 0.0));
+    assert!(step.estimate.is_none() && matches!(step.refusal, Some(Refusal::TooLate { .. })));
+}
+
+#[test]
+fn law_a_filter_table_is_refused_with_what_is_allowed() {
+    let message = |filter: &str, prior: Option<&str>| {
+        let prior = prior.map(node);
+        let setup = FilterSetup { prior: prior.as_ref(), ..FilterSetup::default() };
+        lumenav_fusion::build(&node(filter), setup).err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    for (filter, prior, words) in [
+        ("kind = \"ukf\"", None, "unknown filter `ukf`; allowed: none, eskf"),
+        ("kind = 3", None, "expected a name in quotes; allowed: none, eskf"),
+        ("kind = \"none\"\nlag_s = 1.0", None, "a track without a filter has no options of one"),
+        ("kind = \"none\"", Some("position_mm = [0, 0, 0]"), "a track without a filter takes no prior"),
+        ("lag_s = -1.0", None, "lag_s"),
+    ] {
+        let message = message(filter, prior);
+        assert!(message.contains(words), "{filter}: {message}");
+    }
+    assert_eq!(lumenav_fusion::kind_of(&node("")).unwrap().name, "eskf");
+    let mut alone = track("kind = \"none\"");
+    let step = one(&mut alone, &reading("fast", 0, tenth(0), 7.0));
+    assert!(alone.filter().is_none() && step.estimate.is_some());
+    let inputs = vec![Input { sensor: Name::from("gyro"), front_end: None, motion_input: None }];
+    let refused = Track::new(Name::from("t"), inputs, None, &node("")).err().unwrap().to_string();
+    assert!(refused.contains("every sensor needs a front end"), "{refused}");
+}
