@@ -137,6 +137,9 @@ pub struct TrackUpdate<'a> {
     pub update: u64,
     /// The estimate.
     pub estimate: &'a PublishedEstimate,
+    /// True where a late measurement changed what was already published for this instant. It is not judged again: the
+    /// instant would count twice.
+    pub revision: bool,
     /// Normalised innovation squared and its degrees of freedom; `None` for a front end alone or a start.
     pub nis: Option<(f64, f64)>,
     /// Standard deviation of position along its weakest direction, m, and that direction in the world.

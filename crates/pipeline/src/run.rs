@@ -295,7 +295,7 @@ fn tell_step(
     let truth = truth_at(estimate.at);
     // A bound belongs to a track that is nothing but its measurements; a filter knows more than the last of them.
     let bound_of = step.measurement.as_ref().filter(|_| track.filter().is_none());
-    let error = truth.as_ref().map(|t| judge(estimate, t, bound_of, map));
+    let error = truth.as_ref().filter(|_| !step.revision).map(|t| judge(estimate, t, bound_of, map));
     let block = estimate.pose.covariance.fixed_view::<3, 3>(0, 0).into_owned().symmetric_eigen();
     let largest = block.eigenvalues.imax();
     observers.tell(&RunEvent::Update(&TrackUpdate {
@@ -303,6 +303,7 @@ fn tell_step(
         sensor: &reading.sensor,
         update: track.updates,
         estimate,
+        revision: step.revision,
         nis: step.nis,
         weakest: (
             block.eigenvalues[largest].max(0.0).sqrt(),

@@ -238,6 +238,7 @@ fn step_track(
         weakest: (sigma_m[2], Vector3::z()),
         started: step == 0,
         accepted: true,
+        revision: false,
         truth: Some(truth),
         error: Some(&error),
         compute_s: 1e-4,
