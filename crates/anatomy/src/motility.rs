@@ -220,9 +220,11 @@ impl Motility {
         tract: &Tract,
         streams: &RandomStreams,
     ) -> Result<Self, AnatomyError> {
+        config.check()?;
         let mut scheduled = Vec::with_capacity(config.wave.len());
-        for wave in &config.wave {
-            scheduled.push(wave.resolve(tract)?);
+        for (index, wave) in config.wave.iter().enumerate() {
+            let resolved = wave.resolve(tract);
+            scheduled.push(resolved.map_err(|error| AnatomyError::InWave { index, error: Box::new(error) })?);
         }
         scheduled.extend(config.oesophagus.swallow(tract));
         scheduled.sort_by(|a, b| a.start_time_s.total_cmp(&b.start_time_s));
@@ -325,9 +327,17 @@ impl Motility {
         self.taenia_relief
     }
 
-    /// What the waves follow from, as text: equal for motilities that will always agree.
+    /// Everything the waves follow from, as text (every cell with its rhythm): equal for motilities that will always agree.
     pub fn fingerprint_text(&self) -> String {
-        format!("{:?}{:?}{:?}{}", self.streams, self.scheduled, self.cycle, self.initial_cells.len())
+        format!(
+            "{:?}{:?}{:?}{:?}{:?}{:?}",
+            self.streams,
+            self.scheduled,
+            self.cycle,
+            self.initial_cells,
+            self.amplitude_scale,
+            self.taenia_relief
+        )
     }
 
     /// The time it stands at, s.
@@ -554,10 +564,125 @@ mod tests {
             change(&mut config.wave[0]);
             Motility::new(&config, &tract, &streams(1)).unwrap_err()
         };
-        let missing = refuse(|wave| wave.segment = Some(SegmentKey::Caecum));
+        let why = |error: AnatomyError| match error {
+            AnatomyError::InWave { index: 0, error } => *error,
+            other => panic!("{other}"),
+        };
+        let missing = why(refuse(|wave| wave.segment = Some(SegmentKey::Caecum)));
         assert!(matches!(missing, AnatomyError::NoSuchSegment { .. }));
-        assert!(matches!(refuse(|wave| wave.start_m.0 = 3.0), AnatomyError::OutOfRange { .. }));
-        assert!(matches!(refuse(|wave| wave.amplitude.0 = 1.0), AnatomyError::OutOfRange { .. }));
-        assert!(matches!(refuse(|wave| wave.speed_m_s.0 = 0.0), AnatomyError::NotPositive { .. }));
+        assert!(matches!(why(refuse(|wave| wave.start_m.0 = 3.0)), AnatomyError::OutOfRange { .. }));
+        assert!(matches!(why(refuse(|wave| wave.amplitude.0 = 1.0)), AnatomyError::OutOfRange { .. }));
+        assert!(matches!(why(refuse(|wave| wave.speed_m_s.0 = 0.0)), AnatomyError::NotPositive { .. }));
+    }
+
+    #[test]
+    fn law_numbers_outside_their_range_are_refused_at_their_line() {
+        let tract = jejunum();
+        for (text, said) in [
+            ("[motility.jejunum]\nrate_hz = [0.2, 1e9]", "scenario.toml:2:11: `motility.jejunum.rate_hz`"),
+            (
+                "[motility.colon]\nhaustral_rate_hz = 1e9",
+                "scenario.toml:2:20: `motility.colon.haustral_rate_hz`",
+            ),
+            (
+                "[motility.colon]\nmass_rate_per_day = 1e9",
+                "scenario.toml:2:21: `motility.colon.mass_rate_per_day`",
+            ),
+            ("[motility.colon]\nretrograde_rectosigmoid_rate_hz = 3", "scenario.toml:2:35:"),
+            ("[motility.colon]\nhaustral_speed_m_s = 1e-9", "scenario.toml:2:22:"),
+            (
+                "[motility.ileum]\nspeed_m_s = 2e-5",
+                "scenario.toml:2:13: `motility.ileum.speed_m_s`: 728 waves of one place",
+            ),
+            ("[motility.stomach]\nwidth_m = 1e-9", "scenario.toml:2:11:"),
+            ("[motility.duodenum]\nrun_m = [0.1, 1e6]", "scenario.toml:2:9:"),
+            ("[motility.terminal_ileum]\namplitude = [0.5, 1]", "scenario.toml:2:13:"),
+            ("[motility.oesophagus]\namplitude = 0.99", "scenario.toml:2:13:"),
+            ("[motility.oesophagus]\nspeed_m_s = 1e6", "scenario.toml:2:13:"),
+            ("[motility.mmc]\nperiod_s = 1e-9", "scenario.toml:2:12:"),
+            ("[motility.mmc]\nfractions = [0.5, 0.1, 0.1]", "scenario.toml:2:13:"),
+            (
+                "[[motility.wave]]\nstart_time_s = 1e12",
+                "scenario.toml:2:16: `motility.wave[0].start_time_s`: scheduled wave 1",
+            ),
+            ("[[motility.wave]]\nstart_time_s = 1\nwidth_m = 1e-9", "scenario.toml:3:11:"),
+            ("[[motility.wave]]\nstart_time_s = 1\nspeed_m_s = 1e-12", "scenario.toml:3:13:"),
+            ("[[motility.wave]]\nstart_time_s = 1\nduration_s = 1e12", "scenario.toml:3:14:"),
+            ("[[motility.wave]]\nstart_time_s = 1\nsegment = \"caecum\"", "scenario.toml:3:11:"),
+        ] {
+            let node = Node::parse_text(text, "scenario.toml", Path::new(""), &[]).unwrap();
+            let motility = node.child_or_empty("motility");
+            let error =
+                Motility::new(&motility.parse().unwrap(), &tract, &streams(1)).map(|_| ()).unwrap_err();
+            let shown = error.at_motility(&motility).to_string();
+            assert!(shown.starts_with(said), "{shown}, wanted {said}");
+        }
+    }
+
+    /// A straight gut with all segments, 0.2 m each.
+    fn whole_gut() -> Tract {
+        let segment = |(i, key): (usize, SegmentKey)| {
+            let z = 0.2 * i as f64;
+            let points_m: Vec<_> = (0..=4).map(|k| Point3::new(0.0, 0.0, z + 0.05 * f64::from(k))).collect();
+            let radii_m = vec![0.01; points_m.len()];
+            SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() }
+        };
+        let draft = TractDraft {
+            name: "t".into(),
+            segments: SegmentKey::ALL.into_iter().enumerate().map(segment).collect(),
+            ends: (End::Closed, End::Exit),
+            torso_half_extents_m: None,
+            source: String::new(),
+        };
+        draft.build().unwrap().0
+    }
+
+    /// Changes the number at `place` (counted over all numbers and flags); `false` where there are no more.
+    fn change_one(value: &mut toml::Value, place: &mut usize) -> bool {
+        match value {
+            toml::Value::Table(table) => table.iter_mut().any(|(_, inner)| change_one(inner, place)),
+            toml::Value::Array(items) => items.iter_mut().any(|inner| change_one(inner, place)),
+            toml::Value::Float(_) | toml::Value::Boolean(_) if *place > 0 => {
+                *place -= 1;
+                false
+            }
+            toml::Value::Float(number) => {
+                // Small enough for every range and sum, large enough for the seventeenth digit.
+                *number = if *number == 0.0 { 1e-4 } else { *number * 0.9999 };
+                true
+            }
+            toml::Value::Boolean(flag) => {
+                *flag = !*flag;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    #[test]
+    fn law_the_fingerprint_tells_every_key_apart() {
+        let tract = whole_gut();
+        let text = "[[motility.wave]]\nstart_time_s = 5\nrun_m = 0.3\n[motility.mmc]\nstart_phase = 0.4";
+        let base = parse(text).unwrap();
+        let print =
+            |config: &MotilityConfig| Motility::new(config, &tract, &streams(1)).unwrap().fingerprint_text();
+        let ours = print(&base);
+        let mut seen = std::collections::BTreeSet::from([ours.clone()]);
+        let mut keys = 0;
+        loop {
+            let mut value = toml::Value::try_from(&base).unwrap();
+            if !change_one(&mut value, &mut { keys }) {
+                break;
+            }
+            let changed: MotilityConfig = value.clone().try_into().unwrap();
+            assert_ne!(changed, base);
+            assert!(seen.insert(print(&changed)), "change {keys} is not seen: {value}");
+            keys += 1;
+        }
+        // Seven keys of five rhythms (three of them pairs), 17 of the colon, and the rest.
+        assert!(keys > 80, "{keys}");
+        assert_eq!(print(&base), ours);
+        let other = Motility::new(&base, &tract, &streams(2)).unwrap().fingerprint_text();
+        assert_ne!(other, ours, "the seed");
     }
 }

@@ -12,7 +12,7 @@ mod node;
 mod overrides;
 pub mod quantity;
 
-pub use node::{Node, Resolved, ResolvedLog};
+pub use node::{Node, Resolved, ResolvedLog, ResolvedRow};
 
 /// Something in a user's file that is not allowed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

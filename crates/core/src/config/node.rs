@@ -23,8 +23,58 @@ pub struct Resolved {
     pub path: String,
     /// All keys with their values.
     pub values: toml::Table,
-    /// Keys that the file sets; the others are defaults.
+    /// Keys that the file sets, dotted for tables within this one (and those tables themselves); the others are defaults.
     pub set: Vec<String>,
+    /// Where a key's default comes from: key (dotted for tables within this one) and source in words. Empty where the reader of
+    /// the table gives none.
+    pub sources: Vec<(String, String)>,
+}
+
+/// One key of a [`Resolved`] table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResolvedRow {
+    /// The key, dotted for tables within the table, with `[i]` for arrays of tables.
+    pub key: String,
+    /// Its value; never a table.
+    pub value: toml::Value,
+    /// Whether the file sets it.
+    pub set: bool,
+    /// Where its default comes from, where the reader of the table says so.
+    pub source: Option<String>,
+}
+
+impl Resolved {
+    /// All keys, one a row, tables within the table taken apart.
+    pub fn rows(&self) -> Vec<ResolvedRow> {
+        let mut rows = Vec::new();
+        for (key, value) in &self.values {
+            self.add_rows(key.clone(), value, &mut rows);
+        }
+        rows
+    }
+
+    fn add_rows(&self, key: String, value: &toml::Value, rows: &mut Vec<ResolvedRow>) {
+        match value {
+            toml::Value::Table(table) => {
+                for (inner, value) in table {
+                    self.add_rows(format!("{key}.{inner}"), value, rows);
+                }
+            }
+            toml::Value::Array(items) if items.iter().any(toml::Value::is_table) => {
+                for (i, item) in items.iter().enumerate() {
+                    self.add_rows(format!("{key}[{i}]"), item, rows);
+                }
+            }
+            _ => {
+                // A source stands for all entries of an array of tables.
+                let plain: String =
+                    key.split('[').map(|part| part.split(']').next_back().unwrap_or(part)).collect();
+                let source =
+                    self.sources.iter().find(|(name, _)| *name == plain).map(|(_, text)| text.clone());
+                rows.push(ResolvedRow { set: self.set.contains(&key), key, value: value.clone(), source });
+            }
+        }
+    }
 }
 
 /// What was parsed so far, in order. Shared by all nodes of a scenario.
@@ -240,6 +290,30 @@ impl Node {
         })
     }
 
+    /// As [`Node::keys`], with the dotted keys of the tables within.
+    fn keys_within(&self) -> Vec<String> {
+        fn collect(value: &Spanned<Value<'_>>, path: &str, keys: &mut Vec<String>) {
+            match value.get_ref() {
+                Value::Table(table) => {
+                    for (key, inner) in table {
+                        let path = join(path, key.get_ref());
+                        keys.push(path.clone());
+                        collect(inner, &path, keys);
+                    }
+                }
+                Value::Array(items) => {
+                    for (i, item) in items.iter().enumerate() {
+                        collect(item, &format!("{path}[{i}]"), keys);
+                    }
+                }
+                _ => {}
+            }
+        }
+        let mut keys = Vec::new();
+        self.with_value(|value| value.into_iter().for_each(|value| collect(value, "", &mut keys)));
+        keys
+    }
+
     /// The value under a key, `None` where it is not written.
     pub fn child(&self, key: &str) -> Option<Self> {
         let child = self.child_or_empty(key);
@@ -282,10 +356,23 @@ impl Node {
     /// # Errors
     /// [`ConfigError`] with file, line, key and what is allowed.
     pub fn parse<T: DeserializeOwned + Serialize>(&self) -> Result<T, ConfigError> {
+        self.parse_sourced(&[])
+    }
+
+    /// As [`Node::parse`]; the log then tells the source of each default, too: pairs of key (dotted for tables within this one)
+    /// and source in words.
+    ///
+    /// # Errors
+    /// As [`Node::parse`].
+    pub fn parse_sourced<T: DeserializeOwned + Serialize>(
+        &self,
+        sources: &[(&str, &str)],
+    ) -> Result<T, ConfigError> {
         let parsed: T = self.parse_quietly()?;
         if let Ok(values) = toml::Table::try_from(&parsed) {
             let (file, path) = (self.source.file.clone(), self.path.clone());
-            self.log.push(Resolved { file, path, values, set: self.keys() });
+            let sources = sources.iter().map(|(key, text)| ((*key).to_owned(), (*text).to_owned())).collect();
+            self.log.push(Resolved { file, path, values, set: self.keys_within(), sources });
         }
         Ok(parsed)
     }
@@ -477,5 +564,29 @@ mod tests {
         assert_eq!(entry.path, "body");
         assert_eq!(entry.set, vec!["radius_mm"]);
         assert_eq!(entry.values["rings"].as_integer(), Some(3));
+        assert!(entry.sources.is_empty());
+        let _: Body = root.child("body").unwrap().parse_sourced(&[("rings", "chosen: fits")]).unwrap();
+        let entry = &root.log().entries()[1];
+        let row = |key: &str, value: toml::Value, set, source: Option<&str>| ResolvedRow {
+            key: key.into(),
+            value,
+            set,
+            source: source.map(ToOwned::to_owned),
+        };
+        let expected =
+            [row("radius_mm", 5.0.into(), true, None), row("rings", 3.into(), false, Some("chosen: fits"))];
+        assert_eq!(entry.rows(), expected);
+    }
+
+    #[test]
+    fn law_rows_take_tables_and_arrays_of_tables_apart() {
+        let root =
+            node("[a]\nx = [1, 2]\n[[a.part]]\ny = 1\n[[a.part]]\n[a.inner]\nz = true\n", &[]).unwrap();
+        let _: toml::Table =
+            root.child("a").unwrap().parse_sourced(&[("part.y", "p"), ("inner.z", "q")]).unwrap();
+        let rows = root.log().entries()[0].rows();
+        let keys: Vec<(&str, bool, Option<&str>)> =
+            rows.iter().map(|row| (row.key.as_str(), row.set, row.source.as_deref())).collect();
+        assert_eq!(keys, [("inner.z", true, Some("q")), ("part[0].y", true, Some("p")), ("x", true, None)]);
     }
 }

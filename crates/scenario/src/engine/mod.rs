@@ -30,6 +30,7 @@ mod events;
 mod foot;
 mod fuzz;
 mod snapshot;
+mod sources;
 mod system;
 mod wall;
 
@@ -53,6 +54,8 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 use system::{System, Twist};
 use wall::{Cap, Placement, Reaction, Rings, WallContacts};
+
+pub use sources::ENGINE_SOURCES;
 
 /// Allowed step rates, 1/s.
 const STEP_RATES_HZ: std::ops::RangeInclusive<u32> = 60..=10_000;
@@ -79,7 +82,7 @@ pub enum EngineError {
     },
     /// A capsule that is not longer than it is wide, or without size or mass.
     #[error(
-        "the capsule has to have a positive mass and a length above its diameter: radius {radius_m} m, length {length_m} m, mass {mass_kg} kg"
+        "in a tract ([tract]) the capsule has to be longer than wide, as the wall holds it by its straight part, with a positive mass; kinematic truth and replays take any: radius {radius_m} m, length {length_m} m, mass {mass_kg} kg"
     )]
     CapsuleShape {
         /// Radius, m.
@@ -187,7 +190,7 @@ pub struct EngineState {
     pub wall_force_n: f64,
     /// Whether the wall touches the capsule.
     pub contact: bool,
-    /// Whether the capsule has left the tract: then everything above stays as it was when it left.
+    /// Whether the capsule has left the tract: then it rests where it left, with neither velocity nor wall, and feels gravity alone.
     pub left: bool,
 }
 
@@ -215,6 +218,8 @@ pub struct Engine {
     left: bool,
     watch: Watch,
     events: Vec<EngineEvent>,
+    /// See [`Engine::fingerprint`]: what never changes in it.
+    fingerprint: std::sync::OnceLock<u64>,
 }
 
 impl Engine {
@@ -260,6 +265,7 @@ impl Engine {
             left: false,
             watch,
             events: Vec::with_capacity(16),
+            fingerprint: std::sync::OnceLock::new(),
             config,
             capsule,
             tract,
@@ -406,6 +412,9 @@ impl Engine {
             self.segment_index -= 1;
         }
         self.left = self.is_outside(&centre);
+        if self.left {
+            self.rest(&pose);
+        }
         let at = self.time();
         let seen = events::Seen {
             at,
@@ -415,6 +424,14 @@ impl Engine {
             left: self.left,
         };
         self.watch.look(&seen, &self.tract, &self.config, &mut self.events);
+    }
+
+    /// What has left rests: outside there is nothing that this engine could follow it through.
+    fn rest(&mut self, pose: &Isometry3<f64>) {
+        self.body.set_twist(&Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
+        self.specific_force_capsule_m_s2 = pose.rotation.inverse() * -self.gravity_torso_m_s2;
+        self.wall_force_n = 0.0;
+        self.touching = 0;
     }
 
     /// Takes on the centre's projection, as far as it can have moved in a step: where the centre crosses the evolute of a tight bend
@@ -473,6 +490,27 @@ fn check(config: &EngineConfig, tract: &Tract, capsule: &CapsuleBody) -> Result<
     let (low, high) = (*STEP_RATES_HZ.start(), *STEP_RATES_HZ.end());
     in_range("step_rate_hz", f64::from(config.step_rate_hz), f64::from(low), f64::from(high))?;
     in_range("start_arc_length_m", config.start_arc_length_m.0, 0.0, tract.length_m())?;
+    in_range("start_roll_rad", config.start_roll_rad.0, -1e3, 1e3)?;
+    for g in config.gravity_torso_m_s2 {
+        in_range("gravity_torso_m_s2", g.0, -100.0, 100.0)?;
+    }
+    // Wide of anything in a gut, and narrow enough that no step can overflow.
+    for (name, value, low, high) in [
+        ("fluid_density_kg_m3", config.fluid_density_kg_m3.0, 0.0, 2e4),
+        ("fluid_viscosity_pa_s", config.fluid_viscosity_pa_s.0, 0.0, 1e3),
+        ("drag_coefficient", config.drag_coefficient.0, 0.0, 1e3),
+        ("coulomb_newton", config.coulomb_newton.0, 0.0, 100.0),
+        ("regularisation_m_s", config.regularisation_m_s.0, 1e-9, 1.0),
+        ("viscous_newton_s_per_m", config.viscous_newton_s_per_m.0, 0.0, 1e5),
+        ("contraction_stiffening", config.contraction_stiffening.0, 0.0, 1e3),
+        ("cap_stiffness_newton_per_m", config.cap_stiffness_newton_per_m.0, 0.1, 1e6),
+        ("cap_damping_newton_s_per_m", config.cap_damping_newton_s_per_m.0, 0.0, 1e5),
+        ("stalled_after_s", config.stalled_after_s.0, 1e-3, 1e9),
+        ("retained_after_s", config.retained_after_s.0, 1e-3, 1e9),
+        ("stalled_distance_m", config.stalled_distance_m.0, 1e-6, 10.0),
+    ] {
+        in_range(name, value, low, high)?;
+    }
     let CapsuleBody { radius_m, length_m, mass_kg } = *capsule;
     let sound =
         radius_m > 0.0 && mass_kg > 0.0 && length_m > 2.0 * radius_m && (length_m * mass_kg).is_finite();
