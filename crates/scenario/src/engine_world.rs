@@ -15,7 +15,7 @@ use lumenav_anatomy::tract_file::{self, TractOptions};
 use lumenav_anatomy::tube_mesh;
 use lumenav_core::config::quantity::{Finite, NonNegative};
 use lumenav_core::{CapsuleTruth, ConfigError, Primitive, RandomStreams, SimTime, TruthView};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -34,7 +34,6 @@ pub struct EngineWorld {
     engine: Engine,
     history: TruthHistory,
     step_ns: i64,
-    gravity_world_m_s2: Vector3<f64>,
     notes: Vec<WorldNote>,
     /// What was learned about the tract while it was read.
     warnings: Vec<String>,
@@ -88,7 +87,6 @@ impl EngineWorld {
         }
         config.start_arc_length_m = NonNegative(start_m);
         config.start_roll_rad = Finite(file.capsule.start_roll_deg.0.to_radians());
-        let gravity = Vector3::from(config.gravity_torso_m_s2.map(|v| v.0));
         let step_ns = (1e9 / f64::from(config.step_rate_hz)).round() as i64;
         let motility =
             Motility::new(&motility, &tract, streams).map_err(|error| error.at_motility(&motility_node))?;
@@ -101,14 +99,8 @@ impl EngineWorld {
                 }
                 EngineError::Snapshot { .. } => engine_node.error(&error.to_string()),
             })?;
-        let mut world = Self {
-            gravity_world_m_s2: engine.world_from_torso().rotation * gravity,
-            engine,
-            history: TruthHistory::default(),
-            step_ns,
-            notes: Vec::new(),
-            warnings,
-        };
+        let mut world =
+            Self { engine, history: TruthHistory::default(), step_ns, notes: Vec::new(), warnings };
         world.remember();
         for text in std::mem::take(&mut world.warnings) {
             world.notes.push(WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
@@ -224,10 +216,6 @@ impl World for EngineWorld {
             strips_world_m: strips,
             rgba: vec![0xCC33_11FF],
         });
-    }
-
-    fn gravity_world_m_s2(&self) -> Vector3<f64> {
-        self.gravity_world_m_s2
     }
 }
 

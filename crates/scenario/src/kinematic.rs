@@ -200,10 +200,6 @@ impl World for PathWorld {
             rgba: vec![0xBBBB_BBFF],
         });
     }
-
-    fn gravity_world_m_s2(&self) -> Vector3<f64> {
-        GRAVITY
-    }
 }
 
 /// Truth drawn from the motion model of a filter.
@@ -281,10 +277,6 @@ impl World for DrawnWorld {
     }
 
     fn static_scene(&self, _out: &mut Vec<Primitive>) {}
-
-    fn gravity_world_m_s2(&self) -> Vector3<f64> {
-        GRAVITY
-    }
 }
 
 fn vector_m(mm: &[Finite; 3]) -> Vector3<f64> {

@@ -459,6 +459,20 @@ fn law_a_closed_end_holds_and_an_exit_lets_go() {
 }
 
 #[test]
+fn law_a_capsule_falls_to_the_other_side_when_gravity_turns() {
+    let mut engine = engine_of(&closed(SegmentKey::Ascending, 0.02), &still(), at(0.5), 1);
+    for up in [1.0, -1.0, 1.0] {
+        engine.set_gravity_torso(&Vector3::new(0.0, -9.81 * up, 0.0));
+        let later_s = engine.time().seconds() + 10.0;
+        engine.advance_to(seconds(later_s));
+        let state = engine.state();
+        assert!(state.world_from_capsule.translation.vector.y * up < -0.005, "{state:?}");
+        let felt = state.world_from_capsule.rotation * state.specific_force_capsule_m_s2;
+        assert!((felt - Vector3::y() * 9.81 * up).norm() < 0.05, "{felt}");
+    }
+}
+
+#[test]
 fn law_a_plate_stops_what_a_wave_carries() {
     let tract = closed(SegmentKey::Ascending, 0.02);
     let mut motility = still();
