@@ -4,6 +4,7 @@
 //! [`lumenav_core::ConfigError`] at the file, line and key that caused it.
 
 use crate::segment::SegmentKey;
+use lumenav_core::{ConfigError, Node};
 
 /// What can be wrong with a tract or with one of its parts.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -65,6 +66,26 @@ pub enum AnatomyError {
         name: &'static str,
         /// The value.
         value: f64,
+    },
+    /// A rhythm so fast, or waves so slow, that they would pile up.
+    #[error(
+        "{at_once:.0} waves of one place would run at a time (rate x run / speed), at most {limit} may; look at {name}"
+    )]
+    TooManyWaves {
+        /// Key of the speed.
+        name: &'static str,
+        /// Waves at a time, on average.
+        at_once: f64,
+        /// Waves allowed.
+        limit: f64,
+    },
+    /// One of the scheduled waves cannot be.
+    #[error("scheduled wave {}: {error}", index + 1)]
+    InWave {
+        /// Its place in the list, from 0.
+        index: usize,
+        /// What is wrong with it.
+        error: Box<AnatomyError>,
     },
     /// A value outside its range.
     #[error("{name} has to be from {low} to {high}, it is {value}")]
@@ -151,4 +172,37 @@ pub enum AnatomyError {
 
 fn list(keys: &[SegmentKey]) -> String {
     keys.iter().map(SegmentKey::as_str).collect::<Vec<_>>().join(", ")
+}
+
+impl AnatomyError {
+    /// The error of a `[motility]` table at the key that caused it.
+    pub fn at_motility(&self, motility: &Node) -> ConfigError {
+        let message = self.to_string();
+        match self {
+            Self::InWave { index, error } => {
+                let waves = motility.children("wave").unwrap_or_default();
+                match (waves.get(*index), error.key()) {
+                    (Some(wave), Some(key)) => wave.error_at(key, &message),
+                    (Some(wave), None) => wave.error(&message),
+                    (None, _) => motility.error(&message),
+                }
+            }
+            _ => match self.key().map(|key| (key, key.split_once('.'))) {
+                Some((_, Some((table, key)))) => motility.child_or_empty(table).error_at(key, &message),
+                Some((key, None)) => motility.error_at(key, &message),
+                None => motility.error(&message),
+            },
+        }
+    }
+
+    /// The key that a message about a number begins with.
+    fn key(&self) -> Option<&str> {
+        match self {
+            Self::NotPositive { name, .. }
+            | Self::OutOfRange { name, .. }
+            | Self::TooManyWaves { name, .. } => name.split_whitespace().next(),
+            Self::NoSuchSegment { .. } => Some("segment"),
+            _ => None,
+        }
+    }
 }

@@ -220,9 +220,11 @@ impl Motility {
         tract: &Tract,
         streams: &RandomStreams,
     ) -> Result<Self, AnatomyError> {
+        config.check()?;
         let mut scheduled = Vec::with_capacity(config.wave.len());
-        for wave in &config.wave {
-            scheduled.push(wave.resolve(tract)?);
+        for (index, wave) in config.wave.iter().enumerate() {
+            let resolved = wave.resolve(tract);
+            scheduled.push(resolved.map_err(|error| AnatomyError::InWave { index, error: Box::new(error) })?);
         }
         scheduled.extend(config.oesophagus.swallow(tract));
         scheduled.sort_by(|a, b| a.start_time_s.total_cmp(&b.start_time_s));
@@ -325,9 +327,17 @@ impl Motility {
         self.taenia_relief
     }
 
-    /// What the waves follow from, as text: equal for motilities that will always agree.
+    /// Everything the waves follow from, as text (every cell with its rhythm): equal for motilities that will always agree.
     pub fn fingerprint_text(&self) -> String {
-        format!("{:?}{:?}{:?}{}", self.streams, self.scheduled, self.cycle, self.initial_cells.len())
+        format!(
+            "{:?}{:?}{:?}{:?}{:?}{:?}",
+            self.streams,
+            self.scheduled,
+            self.cycle,
+            self.initial_cells,
+            self.amplitude_scale,
+            self.taenia_relief
+        )
     }
 
     /// The time it stands at, s.
@@ -390,174 +400,4 @@ fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::generator::{ColonRequest, colon};
-    use crate::motility_config::WaveConfig;
-    use crate::segment::SegmentKey;
-    use crate::tract::{End, SegmentPoints, TractDraft};
-    use lumenav_core::Node;
-    use lumenav_core::config::quantity::Fraction;
-    use nalgebra::Point3;
-    use std::path::Path;
-
-    fn jejunum() -> Tract {
-        let key = SegmentKey::Jejunum;
-        let points_m: Vec<_> = (0..=10).map(|i| Point3::new(0.0, 0.0, 0.1 * f64::from(i))).collect();
-        let radii_m = vec![0.0075; points_m.len()];
-        let segment =
-            SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() };
-        let (segments, ends) = (vec![segment], (End::Closed, End::Exit));
-        let draft = TractDraft {
-            name: "t".into(),
-            segments,
-            ends,
-            torso_half_extents_m: None,
-            source: String::new(),
-        };
-        draft.build().unwrap().0
-    }
-
-    fn streams(seed: u64) -> RandomStreams {
-        RandomStreams::new(seed, 0, "motility")
-    }
-
-    fn parse(text: &str) -> Result<MotilityConfig, lumenav_core::ConfigError> {
-        Node::parse_text(text, "scenario.toml", Path::new(""), &[])?.child_or_empty("motility").parse()
-    }
-
-    /// All waves that start until `end_s`.
-    fn waves(mut motility: Motility, end_s: f64, step_s: f64) -> Vec<Wave> {
-        let mut all: Vec<Wave> = Vec::new();
-        let mut time_s = 0.0;
-        while time_s < end_s {
-            time_s += step_s;
-            motility.advance_to(time_s);
-            let last_s = all.last().map_or(f64::NEG_INFINITY, |wave| wave.start_time_s);
-            all.extend(motility.active().iter().filter(|wave| wave.start_time_s > last_s));
-        }
-        all
-    }
-
-    #[test]
-    fn law_waves_do_not_depend_on_the_step() {
-        let tract = colon(&ColonRequest::default(), &streams(1)).unwrap().tract;
-        let make = || Motility::new(&MotilityConfig::default(), &tract, &streams(3)).unwrap();
-        let (fine, coarse) = (waves(make(), 300.0, 0.125), waves(make(), 300.0, 0.375));
-        assert!(fine.len() > 100);
-        assert!(fine == coarse, "{} and {} waves", fine.len(), coarse.len());
-        let (mut once, mut back) = (make(), make());
-        once.advance_to(200.0);
-        back.advance_to(900.0);
-        back.advance_to(200.0);
-        assert_eq!(once.active(), back.active());
-        let other = Motility::new(&MotilityConfig::default(), &tract, &streams(4)).unwrap();
-        assert!(waves(other, 300.0, 0.375) != coarse, "another seed gives the same waves");
-    }
-
-    #[test]
-    fn published_rate_of_phase_three_at_one_place() {
-        // 12.5 falling to 10.5 contractions per minute in the jejunum (Kerlin and Phillips 1982), phase III all the time here.
-        let mut config = MotilityConfig::default();
-        config.mmc.rate_factor = [Fraction(1.0); 3];
-        let tract = jejunum();
-        let duration_s = 3600.0;
-        let all = waves(Motility::new(&config, &tract, &streams(1)).unwrap(), duration_s, 0.2);
-        for (place_m, per_minute) in [(0.3, 11.9), (0.7, 11.1)] {
-            let passes = all
-                .iter()
-                .filter(|wave| {
-                    let end_m = wave.start_arc_length_m + wave.speed_m_s * wave.duration_s;
-                    (wave.start_arc_length_m - place_m) * (end_m - place_m) < 0.0
-                })
-                .count();
-            let rate = passes as f64 / duration_s * 60.0;
-            // 700 events whose places and runs are drawn: 5 % is four standard errors of a renewal process with dead time 0.6.
-            assert!((rate / per_minute - 1.0).abs() < 0.08, "{rate} per minute at {place_m} m");
-        }
-        let aboral = all.iter().filter(|wave| wave.speed_m_s > 0.0).count() as f64 / all.len() as f64;
-        assert!((aboral - 0.85).abs() < 0.02, "{aboral} aboral");
-    }
-
-    #[test]
-    fn published_phase_one_is_quiet() {
-        // No contractions in phase I (Ahluwalia 1994).
-        let mut config = MotilityConfig::default();
-        config.mmc.start_phase = Some(Fraction(0.25));
-        let motility = Motility::new(&config, &jejunum(), &streams(1)).unwrap();
-        assert!(waves(motility, 300.0, 1.0).is_empty());
-    }
-
-    #[test]
-    fn law_no_two_events_of_a_cell_within_the_refractory_time() {
-        let tract = jejunum();
-        let mut motility = Motility::new(&MotilityConfig::default(), &tract, &streams(9)).unwrap();
-        let cell = &mut motility.cells[0];
-        let mut last_s = cell.next_time_s;
-        let mut sum_s = 0.0;
-        let n = 4000;
-        for _ in 0..n {
-            cell.fire(&motility.streams, &motility.cycle);
-            let interval_s = cell.next_time_s - last_s;
-            assert!(interval_s >= 0.6 / cell.rate_hz - 1e-9);
-            sum_s += interval_s;
-            last_s = cell.next_time_s;
-        }
-        // Standard error of the mean interval: 0.4/sqrt(n).
-        assert!((sum_s / f64::from(n) * cell.rate_hz - 1.0).abs() < 4.0 * 0.4 / f64::from(n).sqrt());
-    }
-
-    #[test]
-    fn law_memory_does_not_grow() {
-        let tract = colon(&ColonRequest::default(), &streams(1)).unwrap().tract;
-        let mut motility = Motility::new(&MotilityConfig::default(), &tract, &streams(3)).unwrap();
-        motility.advance_to(8.0 * 3600.0);
-        assert!(motility.active.capacity() <= 512, "{}", motility.active.capacity());
-        assert!(motility.active().iter().all(|wave| wave.end_time_s() > 8.0 * 3600.0));
-    }
-
-    #[test]
-    fn law_a_scheduled_wave_is_what_the_file_says() {
-        let config = parse(
-            "[motility]\nspontaneous = false\n[[motility.wave]]\nstart_time_s = 5\nsegment = \"transverse\"\nstart_m = 0.02\n\
-             speed_m_s = -0.01\nrun_m = 0.2\nwidth_m = 0.02\namplitude = 0.5\n",
-        )
-        .unwrap();
-        let tract = colon(&ColonRequest::default(), &streams(1)).unwrap().tract;
-        let mut motility = Motility::new(&config, &tract, &streams(1)).unwrap();
-        motility.advance_to(6.0);
-        let [wave] = motility.active() else { panic!("{:?}", motility.active()) };
-        let start_m = tract.segment(SegmentKey::Transverse).unwrap().start_m + 0.02;
-        assert!((wave.start_arc_length_m - start_m).abs() < 1e-12);
-        assert!((wave.duration_s - 20.0).abs() < 1e-12 && wave.speed_m_s == -0.01);
-        assert!((wave.at(15.0).centre_m - (start_m - 0.1)).abs() < 1e-12);
-        assert!((wave.at(15.0).weight - 0.5).abs() < 1e-12);
-        motility.advance_to(25.1);
-        assert!(motility.active().is_empty());
-    }
-
-    #[test]
-    fn law_mistakes_in_the_file_are_refused() {
-        for (text, said) in [
-            ("[motility]\namplitude_scale = 2", "amplitude_scale"),
-            ("[motility]\nwaves = []", "waves"),
-            ("[motility.colon]\nhaustral_rate = 1", "haustral_rate"),
-            ("[motility.jejunum]\nspeed_m_s = 0", "speed_m_s"),
-            ("[[motility.wave]]\nstart_time_s = -1", "start_time_s"),
-        ] {
-            let error = parse(text).unwrap_err().to_string();
-            assert!(error.contains(said) && error.contains("scenario.toml:2"), "{error}");
-        }
-        let tract = jejunum();
-        let refuse = |change: fn(&mut WaveConfig)| {
-            let mut config = parse("[[motility.wave]]\nstart_time_s = 1").unwrap();
-            change(&mut config.wave[0]);
-            Motility::new(&config, &tract, &streams(1)).unwrap_err()
-        };
-        let missing = refuse(|wave| wave.segment = Some(SegmentKey::Caecum));
-        assert!(matches!(missing, AnatomyError::NoSuchSegment { .. }));
-        assert!(matches!(refuse(|wave| wave.start_m.0 = 3.0), AnatomyError::OutOfRange { .. }));
-        assert!(matches!(refuse(|wave| wave.amplitude.0 = 1.0), AnatomyError::OutOfRange { .. }));
-        assert!(matches!(refuse(|wave| wave.speed_m_s.0 = 0.0), AnatomyError::NotPositive { .. }));
-    }
-}
+mod tests;

@@ -18,9 +18,8 @@ use crate::radius::RadiusProfile;
 use crate::segment::{Landmark, Segment, SegmentKey, Wall};
 use lumenav_core::Name;
 use lumenav_core::path_map::{PathMap, PathProjection};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 
 /// Largest gap that is bridged, m.
 pub const BRIDGE_LIMIT_M: f64 = 0.05;
@@ -123,7 +122,7 @@ pub struct Radii {
     pub distended_m: f64,
 }
 
-/// A tract, torso frame, m. As a [`PathMap`] it stands in a world that is its torso frame; see [`TractInWorld`].
+/// A tract, torso frame, m. As a [`PathMap`] it stands in a world that is its torso frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tract {
     /// Name.
@@ -481,34 +480,5 @@ impl PathMap for Tract {
 
     fn length_m(&self) -> f64 {
         self.centre_line.length_m()
-    }
-}
-
-/// A tract in a torso that stands still in the world.
-#[derive(Debug, Clone)]
-pub struct TractInWorld {
-    tract: Arc<Tract>,
-    world_from_torso: Isometry3<f64>,
-}
-
-impl TractInWorld {
-    /// The tract with its torso at `world_from_torso`.
-    pub fn new(tract: Arc<Tract>, world_from_torso: Isometry3<f64>) -> Self {
-        Self { tract, world_from_torso }
-    }
-}
-
-impl PathMap for TractInWorld {
-    fn nearest(&self, point_world_m: &Point3<f64>, count: usize) -> Vec<PathProjection> {
-        let mut found =
-            self.tract.nearest(&self.world_from_torso.inverse_transform_point(point_world_m), count);
-        for projection in &mut found {
-            projection.point_world_m = self.world_from_torso * projection.point_world_m;
-        }
-        found
-    }
-
-    fn length_m(&self) -> f64 {
-        self.tract.length_m()
     }
 }

@@ -11,8 +11,10 @@
 mod node;
 mod overrides;
 pub mod quantity;
+mod resolved;
 
-pub use node::{Node, Resolved, ResolvedLog};
+pub use node::Node;
+pub use resolved::{Resolved, ResolvedLog, ResolvedRow};
 
 /// Something in a user's file that is not allowed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -34,7 +34,7 @@ pub mod state;
 pub mod time;
 pub mod truth;
 
-pub use config::{ConfigError, Node, Resolved, ResolvedLog};
+pub use config::{ConfigError, Node, Resolved, ResolvedLog, ResolvedRow};
 pub use control::{Command, Controller, PublishedEstimate};
 pub use fix::{FixKind, PoseEstimate};
 pub use frame::{Column, ColumnSpec, Frame, FrameError, Reading, Rows, Schema};

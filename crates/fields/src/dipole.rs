@@ -47,19 +47,9 @@ impl Default for FluxJacobian {
     }
 }
 
-/// Strength `b_T` in T m^3 of a magnet of remanence `remanence_tesla` and volume `volume_m3`.
-pub fn strength_from_remanence_t_m3(remanence_tesla: f64, volume_m3: f64) -> f64 {
-    remanence_tesla * volume_m3 / (4.0 * std::f64::consts::PI)
-}
-
 /// Strength `b_T` in T m^3 of a moment in A m^2.
 pub fn strength_from_moment_t_m3(moment_a_m2: f64) -> f64 {
     MU0_OVER_4PI * moment_a_m2
-}
-
-/// Moment in A m^2 of a strength `b_T` in T m^3.
-pub fn moment_from_strength_a_m2(strength_t_m3: f64) -> f64 {
-    strength_t_m3 / MU0_OVER_4PI
 }
 
 /// Flux density in T at `offset_m` (sensor minus magnet) of a dipole along `axis_unit`.

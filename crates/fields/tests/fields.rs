@@ -1,16 +1,16 @@
 //! Tests of the field physics, in one binary.
 //!
 //! - `reference`: against mpmath and magpylib (`tests/cross/fields_reference.csv`)
-//! - `published`: the fixtures of the studies of taddese2018
+//! - `cross`: fixtures of an independent study of the set-up of taddese2018, and closed forms
 //! - `derivatives`: every analytic derivative against central differences
 //! - `laws`: what every static field obeys, batch and scalar, limits, inputs that make no sense
 
+#[path = "fields/cross.rs"]
+mod cross;
 #[path = "fields/derivatives.rs"]
 mod derivatives;
 #[path = "fields/laws.rs"]
 mod laws;
-#[path = "fields/published.rs"]
-mod published;
 #[path = "fields/reference.rs"]
 mod reference;
 

@@ -29,7 +29,8 @@ pub fn build_world(file: &ScenarioFile, seed: u64, trial: u64) -> Result<BuiltWo
         }
         let table: TruthTable = truth.parse()?;
         let streams = RandomStreams::new(seed, trial, kinematic::COMPONENT);
-        return Ok(BuiltWorld { world: kinematic::build(&table, &truth, &streams)?, map: None });
+        let scenario = (&node.child_or_empty("scenario"), file.scenario.duration_s.map(|d| d.0));
+        return Ok(BuiltWorld { world: kinematic::build(&table, &truth, scenario, &streams)?, map: None });
     }
     if let Some(table) = &file.tract {
         let streams = RandomStreams::new(seed, trial, engine_world::COMPONENT);

@@ -2,19 +2,20 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: the engine is where truth comes from")]
 
-use crate::engine::{Engine, EngineConfig, EventKind};
+use crate::engine::{ENGINE_SOURCES, Engine, EngineConfig, EngineError, EventKind};
 use crate::error::ScenarioError;
 use crate::file::{ScenarioFile, TractTable};
 use crate::world::{TruthHistory, World, WorldNote};
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::MotilityConfig;
+use lumenav_anatomy::motility_sources::MOTILITY_SOURCES;
 use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::Tract;
 use lumenav_anatomy::tract_file::{self, TractOptions};
 use lumenav_anatomy::tube_mesh;
 use lumenav_core::config::quantity::{Finite, NonNegative};
 use lumenav_core::{CapsuleTruth, ConfigError, Primitive, RandomStreams, SimTime, TruthView};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -33,7 +34,6 @@ pub struct EngineWorld {
     engine: Engine,
     history: TruthHistory,
     step_ns: i64,
-    gravity_world_m_s2: Vector3<f64>,
     notes: Vec<WorldNote>,
     /// What was learned about the tract while it was read.
     warnings: Vec<String>,
@@ -72,9 +72,9 @@ impl EngineWorld {
     ) -> Result<(Self, Arc<Tract>), ScenarioError> {
         let (tract, warnings) = read_tract(file, table)?;
         let motility_node = file.node.child_or_empty("motility");
-        let motility: MotilityConfig = motility_node.parse()?;
+        let motility: MotilityConfig = motility_node.parse_sourced(&MOTILITY_SOURCES)?;
         let engine_node = file.node.child_or_empty("engine");
-        let mut config: EngineConfig = engine_node.parse()?;
+        let mut config: EngineConfig = engine_node.parse_sourced(&ENGINE_SOURCES)?;
         let capsule_node = file.node.child_or_empty("capsule");
         let start_m = file.capsule.start_arc_length_mm.0 * 1e-3;
         if start_m > tract.length_m() {
@@ -87,20 +87,20 @@ impl EngineWorld {
         }
         config.start_arc_length_m = NonNegative(start_m);
         config.start_roll_rad = Finite(file.capsule.start_roll_deg.0.to_radians());
-        let gravity = Vector3::from(config.gravity_torso_m_s2.map(|v| v.0));
         let step_ns = (1e9 / f64::from(config.step_rate_hz)).round() as i64;
-        let motility = Motility::new(&motility, &tract, streams)
-            .map_err(|error| motility_node.error(&error.to_string()))?;
-        let engine = Engine::new(config, tract.clone(), motility, file.body)
-            .map_err(|error| engine_node.error(&error.to_string()))?;
-        let mut world = Self {
-            gravity_world_m_s2: engine.world_from_torso().rotation * gravity,
-            engine,
-            history: TruthHistory::default(),
-            step_ns,
-            notes: Vec::new(),
-            warnings,
-        };
+        let motility =
+            Motility::new(&motility, &tract, streams).map_err(|error| error.at_motility(&motility_node))?;
+        let engine =
+            Engine::new(config, tract.clone(), motility, file.body).map_err(|error| match &error {
+                EngineError::OutOfRange { name, .. } => engine_node.error_at(name, &error.to_string()),
+                // The capsule's own file is at fault, not the scenario's.
+                EngineError::CapsuleShape { .. } => {
+                    file.capsule_model.child_or_empty("capsule").error_at("length_mm", &error.to_string())
+                }
+                EngineError::Snapshot { .. } => engine_node.error(&error.to_string()),
+            })?;
+        let mut world =
+            Self { engine, history: TruthHistory::default(), step_ns, notes: Vec::new(), warnings };
         world.remember();
         for text in std::mem::take(&mut world.warnings) {
             world.notes.push(WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
@@ -216,10 +216,6 @@ impl World for EngineWorld {
             strips_world_m: strips,
             rgba: vec![0xCC33_11FF],
         });
-    }
-
-    fn gravity_world_m_s2(&self) -> Vector3<f64> {
-        self.gravity_world_m_s2
     }
 }
 

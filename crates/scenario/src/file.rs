@@ -21,7 +21,7 @@ pub struct ScenarioTable {
     /// What it is about.
     #[serde(default)]
     pub description: String,
-    /// Length, s. In a replay the data decide.
+    /// Length, s, at most 1e7 (four months). In a replay the data decide.
     pub duration_s: Option<Positive>,
     /// Seed of all random streams. Default 1.
     #[serde(default = "seed")]
@@ -34,6 +34,21 @@ pub struct ScenarioTable {
 fn seed() -> u64 {
     1
 }
+
+/// Where the defaults of these tables come from.
+pub(crate) const SCENARIO_SOURCES: [(&str, &str); 1] = [("seed", "chosen: any number serves")];
+pub(crate) const CAPSULE_SOURCES: [(&str, &str); 2] = [
+    ("start_arc_length_mm", "chosen: clear of the tract's end by a little more than a capsule's length"),
+    ("start_roll_deg", "chosen: no turn"),
+];
+pub(crate) const TRACT_SOURCES: [(&str, &str); 2] = [
+    ("length_scale", "chosen: the tract as its file says"),
+    ("radius_scale", "chosen: the tract as its file says"),
+];
+pub(crate) const RECORD_SOURCES: [(&str, &str); 2] = [
+    ("truth_rate_hz", "chosen: a capsule at 22 mm/s moves 2.2 mm between two rows"),
+    ("scene_rate_hz", "chosen: the wall's contractions recur every 5 s at most, so ten pictures each"),
+];
 
 /// `[capsule]`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -245,9 +260,9 @@ impl Fault {
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RecordTable {
-    /// Rate at which truth is written and availability judged, Hz. Default 10.
+    /// Rate at which truth is written and availability judged, Hz. Default 10. Allowed: 1e-6 to 1e4.
     pub truth_rate_hz: Positive,
-    /// Rate of pictures (moving wall, sensors), Hz. Default 2.
+    /// Rate of pictures (moving wall, sensors), Hz. Default 2. Allowed: 1e-6 to 1e4.
     pub scene_rate_hz: Positive,
 }
 
@@ -317,26 +332,36 @@ impl ScenarioFile {
     /// [`ScenarioError::Config`] with file, line, key and what is allowed.
     pub fn from_node(node: Node, models: ModelFolder) -> Result<Self, ScenarioError> {
         let _: Outline = node.parse_quietly()?;
-        let scenario: ScenarioTable = node.child_or_empty("scenario").parse()?;
+        let scenario: ScenarioTable = node.child_or_empty("scenario").parse_sourced(&SCENARIO_SOURCES)?;
         check_name(&scenario.name, &node.child_or_empty("scenario"))?;
-        let capsule: CapsuleTable = node.child_or_empty("capsule").parse()?;
+        if let Some(duration_s) = scenario.duration_s {
+            check_range(&node.child_or_empty("scenario"), "duration_s", duration_s.0, 1e-6, 1e7)?;
+        }
+        let capsule: CapsuleTable = node.child_or_empty("capsule").parse_sourced(&CAPSULE_SOURCES)?;
         let capsule_model =
             models.open("capsules", &capsule.model, &node.child_or_empty("capsule"), "model")?;
-        let shape: CapsuleModelTable = capsule_model.child_or_empty("capsule").parse()?;
+        let shape_node = capsule_model.child_or_empty("capsule");
+        let shape: CapsuleModelTable = shape_node.parse()?;
+        check_range(&shape_node, "diameter_mm", shape.diameter_mm.0, 0.1, 100.0)?;
+        check_range(&shape_node, "length_mm", shape.length_mm.0, 0.1, 1000.0)?;
+        check_range(&shape_node, "mass_g", shape.mass_g.0, 1e-3, 1e4)?;
         if shape.length_mm.0 < shape.diameter_mm.0 {
             let message = "a capsule is at least as long as it is wide";
-            return Err(capsule_model.child_or_empty("capsule").error_at("length_mm", message).into());
+            return Err(shape_node.error_at("length_mm", message).into());
         }
         let body = CapsuleBody {
             radius_m: 0.5e-3 * shape.diameter_mm.0,
             length_m: 1e-3 * shape.length_mm.0,
             mass_kg: 1e-3 * shape.mass_g.0,
         };
-        let tract = node.child("tract").map(|n| n.parse()).transpose()?;
+        let tract = node.child("tract").map(|n| n.parse_sourced(&TRACT_SOURCES)).transpose()?;
         let sensors = read_sensors(&node)?;
         let tracks = read_tracks(&node, &sensors)?;
         let faults = read_faults(&node, &sensors)?;
-        let record = node.child_or_empty("record").parse()?;
+        let record_node = node.child_or_empty("record");
+        let record: RecordTable = record_node.parse_sourced(&RECORD_SOURCES)?;
+        check_range(&record_node, "truth_rate_hz", record.truth_rate_hz.0, 1e-6, 1e4)?;
+        check_range(&record_node, "scene_rate_hz", record.scene_rate_hz.0, 1e-6, 1e4)?;
         Ok(Self {
             scenario,
             capsule,
@@ -351,6 +376,24 @@ impl ScenarioFile {
             node,
         })
     }
+}
+
+/// Refuses a number outside its range, at its key.
+///
+/// # Errors
+/// [`ConfigError`] with file, line, key and what is allowed.
+pub(crate) fn check_range(
+    node: &Node,
+    key: &str,
+    value: f64,
+    low: f64,
+    high: f64,
+) -> Result<(), ConfigError> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    let message = format!("{value:e} is not allowed here; it must be from {low:e} to {high:e}");
+    Err(node.error_at(key, &message))
 }
 
 /// Names become folders and entity paths: letters, digits, `-`, `_` and `.`, not starting with a dot.
@@ -438,6 +481,11 @@ fn read_faults(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<Fault>, Confi
             let known: Vec<&str> = sensors.iter().map(|s| &*s.name).collect();
             let message = format!("no sensor `{sensor}`; the scenario has: {}", known.join(", "));
             return Err(entry.error_at("sensor", &message));
+        }
+        check_range(&entry, "start_s", start, 0.0, 1e9)?;
+        check_range(&entry, "end_s", end, 0.0, 1e9)?;
+        if let Fault::Delay { delay_ms, .. } = &fault {
+            check_range(&entry, "delay_ms", delay_ms.0, 0.0, 1e9)?;
         }
         if end <= start {
             return Err(

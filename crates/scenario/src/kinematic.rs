@@ -1,19 +1,28 @@
 //! Truth without forces: a path that is followed, a recorded trajectory, or a draw from a filter's own motion model.
 //!
-//! - *helix*: the published path of `than2015` (start (-57, 0, -45) mm, end (57, 0, 45) mm, 36 s, 5 mm/s around z and
-//!   2.5 mm/s along it), with its speed as a factor;
+//! - *helix*: the published path of `than2015`, with its speed as a factor, and with a jump where one is asked for;
+//! - *three half circles*: the track of `than2015` at a constant speed, with rests;
 //! - *line*: from a point to a point and back, at a constant speed;
 //! - *tum*: a recorded trajectory, interpolated at constant twist between its rows;
 //! - *motion model*: Ornstein-Uhlenbeck velocity and angular rate, as the filters assume them: for consistency tests.
 //!
-//! The capsule's x axis follows the path's tangent; velocity, angular rate and specific force are derivatives of the pose.
+//! A path has an end (its formula is at the head of [`crate::path`]): a scenario that lasts longer is refused, unless
+//! `after_end = "hold"` says that the capsule rests there.
+//!
+//! The capsule's x axis follows the path's tangent; velocity, angular rate and specific force are derivatives of the pose, by
+//! differences over ±0.1 ms. So within 0.1 ms of a corner (a turn of the line, a row of a recording, the ends of a rest)
+//! velocity and rate are means over both sides, and the specific force is a spike of that width; between the rows of a
+//! recording it is that of a constant twist, without the acceleration that happened at the rows. A jump is no motion: it enters
+//! the position alone.
 
 #![expect(clippy::disallowed_types, reason = "world side: kinematic truth")]
 
 use crate::error::ScenarioError;
+use crate::file::check_range;
+use crate::path::{AfterEnd, HalfCircles, Helix, Line, Path, Recorded};
 use crate::world::{TruthHistory, World, WorldNote};
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
-use lumenav_core::pose::{attitude_from_axis, exp_so3, log_so3, renormalize};
+use lumenav_core::pose::{exp_so3, log_so3, renormalize};
 use lumenav_core::{
     AxisStep, CapsuleTruth, MotionModel, Node, Primitive, RandomStream, RandomStreams, SimTime, TruthView,
 };
@@ -29,9 +38,26 @@ use std::ops::Range;
 pub enum TruthTable {
     /// The published helix.
     Helix {
-        /// Multiplies both speeds; the path stays.
+        /// Multiplies both speeds; the path stays. Default 1; published: 1 to 8. Allowed: 1e-3 to 1e3.
         #[serde(default = "one")]
         speed_factor: Positive,
+        /// What happens behind its 36 s / `speed_factor`.
+        #[serde(default)]
+        after_end: AfterEnd,
+        /// A jump, where one is asked for (published: 50 mm at run 300 of 50 ms, that is at 15 s).
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        jump: Option<JumpTable>,
+    },
+    /// The published track of three half circles.
+    ThreeHalfCircles {
+        /// Speed, mm/s. Published: 7.5, 12, 17, 21, 27. Allowed: 1e-3 to 1e4.
+        speed_mm_s: Positive,
+        /// Rest at each of the two joints, s. Default 0 (that there are rests is published, how long and where is not); at most 1e6.
+        #[serde(default)]
+        pause_s: NonNegative,
+        /// What happens behind its end.
+        #[serde(default)]
+        after_end: AfterEnd,
     },
     /// Back and forth between two points.
     Line {
@@ -39,13 +65,16 @@ pub enum TruthTable {
         from_mm: [Finite; 3],
         /// The other end, mm.
         to_mm: [Finite; 3],
-        /// Speed, mm/s.
+        /// Speed, mm/s. Allowed: 1e-3 to 1e4.
         speed_mm_s: Positive,
     },
     /// A recorded trajectory.
     Tum {
         /// The file, relative to the scenario.
         file: String,
+        /// What happens before its first and behind its last row.
+        #[serde(default)]
+        after_end: AfterEnd,
     },
     /// Drawn from a motion model.
     MotionModel {
@@ -66,11 +95,21 @@ pub enum TruthTable {
         /// Standard deviation of the start rate, rad/s per axis.
         #[serde(default)]
         rate_sigma_rad_s: NonNegative,
-        /// Step of the draw, ms: give the sensor's period, so that truth and filter make the same steps.
+        /// Step of the draw, ms: give the sensor's period, so that truth and filter make the same steps. Allowed: 0.1 to 1e6.
         step_ms: Positive,
         /// The model.
         motion: MotionModel,
     },
+}
+
+/// `[truth.jump]`: the capsule is suddenly elsewhere, and goes on from there.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JumpTable {
+    /// When, s.
+    pub at_s: NonNegative,
+    /// By what, mm in the world.
+    pub by_mm: [Finite; 3],
 }
 
 fn one() -> Positive {
@@ -83,96 +122,30 @@ const GRAVITY: Vector3<f64> = Vector3::new(0.0, -9.81, 0.0);
 /// Half step of the central differences that give velocity and rate of a path, s.
 const DIFFERENCE_S: f64 = 1e-4;
 
-/// A pose as a function of time.
-trait Path: Send + Sync {
-    fn pose(&self, seconds: f64) -> Isometry3<f64>;
-    /// Points for the picture.
-    fn outline(&self) -> Vec<Vector3<f64>>;
-}
-
-struct Helix {
-    speed_factor: f64,
-}
-
-impl Helix {
-    const RADIUS_M: f64 = 0.057;
-    const HALF_HEIGHT_M: f64 = 0.045;
-    const DURATION_S: f64 = 36.0;
-}
-
-impl Path for Helix {
-    fn pose(&self, seconds: f64) -> Isometry3<f64> {
-        // 5 mm/s on a radius of 57 mm makes 3.158 rad in 36 s: the half turn between the published ends.
-        let progress = seconds * self.speed_factor / Self::DURATION_S;
-        let angle = std::f64::consts::PI * (1.0 - progress);
-        let (sine, cosine) = angle.sin_cos();
-        let position = Vector3::new(
-            Self::RADIUS_M * cosine,
-            -Self::RADIUS_M * sine,
-            Self::HALF_HEIGHT_M * (2.0 * progress - 1.0),
-        );
-        let around = std::f64::consts::PI * Self::RADIUS_M;
-        let tangent = Vector3::new(around * sine, around * cosine, 2.0 * Self::HALF_HEIGHT_M).normalize();
-        Isometry3::from_parts(Translation3::from(position), attitude_from_axis(&tangent))
-    }
-
-    fn outline(&self) -> Vec<Vector3<f64>> {
-        (0..=90)
-            .map(|i| self.pose(f64::from(i) / 90.0 * 36.0 / self.speed_factor).translation.vector)
-            .collect()
-    }
-}
-
-struct Line {
-    from_m: Vector3<f64>,
-    to_m: Vector3<f64>,
-    speed_m_s: f64,
-}
-
-impl Path for Line {
-    fn pose(&self, seconds: f64) -> Isometry3<f64> {
-        let along = self.to_m - self.from_m;
-        let length = along.norm();
-        let travelled = (seconds * self.speed_m_s).rem_euclid(2.0 * length);
-        let forward = travelled.min(2.0 * length - travelled);
-        let rotation = attitude_from_axis(&(along / length));
-        Isometry3::from_parts(Translation3::from(self.from_m + along / length * forward), rotation)
-    }
-
-    fn outline(&self) -> Vec<Vector3<f64>> {
-        vec![self.from_m, self.to_m]
-    }
-}
-
-struct Recorded {
-    poses: Vec<(SimTime, Isometry3<f64>)>,
-}
-
-impl Path for Recorded {
-    fn pose(&self, seconds: f64) -> Isometry3<f64> {
-        let at = SimTime::from_seconds(seconds);
-        let after = self.poses.partition_point(|(t, _)| *t < at);
-        // The reader refuses an empty file, so the first and last rows exist.
-        match (after.checked_sub(1).and_then(|i| self.poses.get(i)), self.poses.get(after)) {
-            (Some((ta, a)), Some((tb, b))) => {
-                lumenav_core::pose::interpolate(a, b, at.since_s(*ta) / tb.since_s(*ta))
-            }
-            (Some((_, a)), None) => *a,
-            (None, Some((_, b))) => *b,
-            (None, None) => Isometry3::identity(),
-        }
-    }
-
-    fn outline(&self) -> Vec<Vector3<f64>> {
-        let step = (self.poses.len() / 2000).max(1);
-        self.poses.iter().step_by(step).map(|(_, p)| p.translation.vector).collect()
-    }
-}
-
 /// Truth along a [`Path`]: exact at every instant, nothing to remember.
 struct PathWorld {
     path: Box<dyn Path>,
     now: SimTime,
+}
+
+impl PathWorld {
+    /// Velocity and acceleration in the world, rate in the capsule; zero beyond the path's ends.
+    fn derivatives(&self, seconds: f64) -> [Vector3<f64>; 3] {
+        let [begin_s, end_s] = self.path.times_s();
+        if seconds < begin_s || seconds > end_s {
+            return [Vector3::zeros(); 3];
+        }
+        // At an end the motion is still that of the path, and not the mean with the rest beyond.
+        let middle_s = seconds.min(end_s - DIFFERENCE_S).max(begin_s + DIFFERENCE_S);
+        let [before, pose, after] =
+            [-DIFFERENCE_S, 0.0, DIFFERENCE_S].map(|off_s| self.path.pose(middle_s + off_s));
+        let [pb, p, pa] = [&before, &pose, &after].map(|pose| pose.translation.vector);
+        [
+            (pa - pb) / (2.0 * DIFFERENCE_S),
+            (pa - p * 2.0 + pb) / DIFFERENCE_S.powi(2),
+            log_so3(&(before.rotation.inverse() * after.rotation)) / (2.0 * DIFFERENCE_S),
+        ]
+    }
 }
 
 impl TruthView for PathWorld {
@@ -181,17 +154,16 @@ impl TruthView for PathWorld {
     }
 
     fn capsule(&self, at: SimTime) -> CapsuleTruth {
-        let s = at.seconds();
-        let pose = self.path.pose(s);
-        let (before, after) = (self.path.pose(s - DIFFERENCE_S), self.path.pose(s + DIFFERENCE_S));
-        let (pb, pa) = (before.translation.vector, after.translation.vector);
-        let acceleration = (pa - pose.translation.vector * 2.0 + pb) / DIFFERENCE_S.powi(2);
+        let [begin_s, end_s] = self.path.times_s();
+        let inside_s = at.seconds().min(end_s).max(begin_s);
+        let mut pose = self.path.pose(inside_s);
+        pose.translation.vector += self.path.jumped_m(at.seconds());
+        let [velocity, acceleration, rate] = self.derivatives(at.seconds());
         CapsuleTruth {
             at,
             world_from_capsule: pose,
-            velocity_world_m_s: (pa - pb) / (2.0 * DIFFERENCE_S),
-            angular_rate_capsule_rad_s: log_so3(&(before.rotation.inverse() * after.rotation))
-                / (2.0 * DIFFERENCE_S),
+            velocity_world_m_s: velocity,
+            angular_rate_capsule_rad_s: rate,
             specific_force_capsule_m_s2: pose.rotation.inverse() * (acceleration - GRAVITY),
             arc_length_m: None,
             segment: None,
@@ -227,10 +199,6 @@ impl World for PathWorld {
             strips_world_m: vec![strip],
             rgba: vec![0xBBBB_BBFF],
         });
-    }
-
-    fn gravity_world_m_s2(&self) -> Vector3<f64> {
-        GRAVITY
     }
 }
 
@@ -309,44 +277,78 @@ impl World for DrawnWorld {
     }
 
     fn static_scene(&self, _out: &mut Vec<Primitive>) {}
-
-    fn gravity_world_m_s2(&self) -> Vector3<f64> {
-        GRAVITY
-    }
 }
 
 fn vector_m(mm: &[Finite; 3]) -> Vector3<f64> {
     Vector3::from(mm.map(|v| v.0)) * 1e-3
 }
 
-/// Builds the world of a `[truth]` table.
+/// Builds the world of a `[truth]` table. `scenario` is the table that holds `duration_s`, s: what a path has to last for.
 ///
 /// # Errors
 /// [`ScenarioError`] with file, line and key.
 pub fn build(
     table: &TruthTable,
     node: &Node,
+    scenario: (&Node, Option<f64>),
     streams: &RandomStreams,
 ) -> Result<Box<dyn World>, ScenarioError> {
-    let path: Box<dyn Path> = match table {
-        TruthTable::Helix { speed_factor } => Box::new(Helix { speed_factor: speed_factor.0 }),
+    let (path, after_end): (Box<dyn Path>, AfterEnd) = match table {
+        TruthTable::Helix { speed_factor, after_end, jump } => {
+            check_range(node, "speed_factor", speed_factor.0, 1e-3, 1e3)?;
+            let jump = jump.map(|jump| (jump.at_s.0, vector_m(&jump.by_mm)));
+            (Box::new(Helix { speed_factor: speed_factor.0, jump }), *after_end)
+        }
+        TruthTable::ThreeHalfCircles { speed_mm_s, pause_s, after_end } => {
+            check_range(node, "speed_mm_s", speed_mm_s.0, 1e-3, 1e4)?;
+            check_range(node, "pause_s", pause_s.0, 0.0, 1e6)?;
+            (Box::new(HalfCircles { speed_m_s: speed_mm_s.0 * 1e-3, pause_s: pause_s.0 }), *after_end)
+        }
         TruthTable::Line { from_mm, to_mm, speed_mm_s } => {
+            check_range(node, "speed_mm_s", speed_mm_s.0, 1e-3, 1e4)?;
             let (from_m, to_m) = (vector_m(from_mm), vector_m(to_mm));
             if (to_m - from_m).norm() < 1e-6 {
                 return Err(node.error_at("to_mm", "the ends coincide; a line needs two points").into());
             }
-            Box::new(Line { from_m, to_m, speed_m_s: speed_mm_s.0 * 1e-3 })
+            (Box::new(Line { from_m, to_m, speed_m_s: speed_mm_s.0 * 1e-3 }), AfterEnd::Hold)
         }
-        TruthTable::Tum { file } => {
+        TruthTable::Tum { file, after_end } => {
             let poses = lumenav_records::tum::read(&node.existing_path("file", file)?)?;
             if poses.len() < 2 {
                 return Err(node.error_at("file", "a trajectory needs two poses at least").into());
             }
-            Box::new(Recorded { poses })
+            (Box::new(Recorded { poses }), *after_end)
         }
-        TruthTable::MotionModel { .. } => return Ok(Box::new(drawn(table, streams))),
+        TruthTable::MotionModel { step_ms, .. } => {
+            check_range(node, "step_ms", step_ms.0, 0.1, 1e6)?;
+            return Ok(Box::new(drawn(table, streams)));
+        }
     };
+    if after_end == AfterEnd::Refuse {
+        check_end(&*path, node, scenario)?;
+    }
     Ok(Box::new(PathWorld { path, now: SimTime::ZERO }))
+}
+
+/// Refuses a scenario that outlasts its path, or begins before it.
+fn check_end(path: &dyn Path, node: &Node, scenario: (&Node, Option<f64>)) -> Result<(), ScenarioError> {
+    const INSTEAD: &str = "or `after_end = \"hold\"` in [truth], to let the capsule rest there";
+    let [begin_s, end_s] = path.times_s();
+    if begin_s > 0.0 {
+        let message = format!(
+            "the trajectory begins at {begin_s} s, the scenario at 0; allowed: a first row at or before 0 s, {INSTEAD}"
+        );
+        return Err(node.error_at("file", &message).into());
+    }
+    let (scenario, duration_s) = scenario;
+    // Half a nanosecond: the path's end itself is part of it.
+    if let Some(duration_s) = duration_s.filter(|duration_s| *duration_s > end_s + 5e-10) {
+        let message = format!(
+            "{duration_s} s is longer than the path of [truth], which ends at {end_s} s; allowed: up to {end_s}, {INSTEAD}"
+        );
+        return Err(scenario.error_at("duration_s", &message).into());
+    }
+    Ok(())
 }
 
 fn drawn(table: &TruthTable, streams: &RandomStreams) -> DrawnWorld {
@@ -388,50 +390,4 @@ fn drawn(table: &TruthTable, streams: &RandomStreams) -> DrawnWorld {
 pub const COMPONENT: &str = "truth";
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn published_helix_meets_its_ends_and_speeds() {
-        // than2015: start (-57, 0, -45) mm, end (57, 0, 45) mm, 36 s, 5 mm/s around z, 2.5 mm/s along.
-        let helix = Helix { speed_factor: 1.0 };
-        let (start, end) = (helix.pose(0.0).translation.vector, helix.pose(36.0).translation.vector);
-        assert!((start - Vector3::new(-0.057, 0.0, -0.045)).norm() < 1e-12);
-        assert!((end - Vector3::new(0.057, 0.0, 0.045)).norm() < 1e-12);
-        let world = PathWorld { path: Box::new(helix), now: SimTime::ZERO };
-        let truth = world.capsule(SimTime::from_seconds(10.0));
-        let v = truth.velocity_world_m_s;
-        assert!((v.z - 0.0025).abs() < 1e-9);
-        // π · 57 mm / 36 s = 4.974 mm/s: the published 5 mm/s is rounded.
-        assert!((v.xy().norm() - 0.004974).abs() < 1e-6);
-        let forward = truth.world_from_capsule.rotation * Vector3::x();
-        assert!((forward - v.normalize()).norm() < 1e-6);
-    }
-
-    #[test]
-    fn law_rate_and_specific_force_are_derivatives_of_the_pose() {
-        let world = PathWorld { path: Box::new(Helix { speed_factor: 8.0 }), now: SimTime::ZERO };
-        let (a, b) = (SimTime::from_seconds(2.0), SimTime::from_seconds(2.001));
-        let (ta, tb) = (world.capsule(a), world.capsule(b));
-        let turned = ta.world_from_capsule.rotation * exp_so3(&(ta.angular_rate_capsule_rad_s * 1e-3));
-        assert!(turned.angle_to(&tb.world_from_capsule.rotation) < 1e-6);
-        let acceleration = (tb.velocity_world_m_s - ta.velocity_world_m_s) / 1e-3;
-        let felt = ta.world_from_capsule.rotation * ta.specific_force_capsule_m_s2;
-        assert!((felt + GRAVITY - acceleration).norm() < 1e-3);
-    }
-
-    #[test]
-    fn law_drawn_truth_has_the_variance_of_its_model() {
-        let motion = MotionModel::default();
-        let step = motion.translation(1.0);
-        let n = 4000;
-        let mut sum = 0.0;
-        for seed in 0..n {
-            let mut stream = RandomStreams::new(seed, 0, COMPONENT).stream("motion", 1);
-            let (dp, _) = draw_pair(&step, &mut stream);
-            sum += dp.norm_squared() / 3.0;
-        }
-        // Standard error of a variance of 3 n draws: sqrt(2 / 3n) = 1.3 %.
-        assert!((sum / n as f64 / step.noise_pp - 1.0).abs() < 0.05);
-    }
-}
+mod tests;

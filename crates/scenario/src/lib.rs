@@ -9,6 +9,7 @@ pub mod engine_world;
 pub mod error;
 pub mod file;
 pub mod kinematic;
+pub mod path;
 pub mod world;
 
 pub use build::{BuiltWorld, build_world};

@@ -36,9 +36,6 @@ pub trait World: Send {
 
     /// What moves besides the capsule: contractions of the wall.
     fn moving_scene(&self, _out: &mut Vec<Primitive>) {}
-
-    /// Gravity in the world, m/s².
-    fn gravity_world_m_s2(&self) -> nalgebra::Vector3<f64>;
 }
 
 /// Samples of truth in time order, interpolated in between (constant twist).

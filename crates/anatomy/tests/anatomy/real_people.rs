@@ -6,10 +6,11 @@ use lumenav_anatomy::{SegmentKey, Tract, TractReport};
 use lumenav_core::{ConfigError, Node};
 use std::path::{Path, PathBuf};
 
-fn data() -> Option<PathBuf> {
+fn data(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("LUMENAV_DATA").map(|folder| Path::new(&folder).join("tracts"));
-    if folder.is_none() {
-        println!("SKIPPED (LUMENAV_DATA unset)");
+    match &folder {
+        Some(_) => println!("REAL-DATA ran {test}"),
+        None => println!("{test}: SKIPPED (LUMENAV_DATA unset)"),
     }
     folder
 }
@@ -32,7 +33,7 @@ const STATED_M: [(SegmentKey, f64); 12] = [
 
 #[test]
 fn published_complete_tract_of_one_person_has_the_stated_lengths() {
-    let Some(data) = data() else { return };
+    let Some(data) = data("published_complete_tract_of_one_person_has_the_stated_lengths") else { return };
     let node = Node::open(&data.join("gi_tract_edin00090.toml")).unwrap();
     let (tract, report) = load(&node, &TractOptions::default()).unwrap();
     assert_eq!(tract.segments.len(), STATED_M.len());
@@ -71,7 +72,7 @@ fn csv(
 
 #[test]
 fn published_centre_line_csvs_load_and_unknown_names_are_explained() {
-    let Some(data) = data() else { return };
+    let Some(data) = data("published_centre_line_csvs_load_and_unknown_names_are_explained") else { return };
     let file = "EdinGCA_3D_00090_centerline.csv";
     let error = csv(&data, file, "", &[]).unwrap_err().to_string();
     assert!(

@@ -2,11 +2,10 @@
 
 use crate::{load_model, load_text, models};
 use lumenav_anatomy::tract_file::{TractOptions, load};
-use lumenav_anatomy::{End, SegmentKey, TractInWorld, tube_mesh};
-use lumenav_core::{Node, PathMap};
-use nalgebra::{Isometry3, Point3, Vector3};
+use lumenav_anatomy::{End, SegmentKey, tube_mesh};
+use lumenav_core::Node;
+use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 #[test]
 fn closed_form_straight_tube() {
@@ -119,27 +118,6 @@ fn law_landmarks_stand_at_the_ends_of_segments() {
     );
     let radii = tract.radii(0.3);
     assert!(radii.contracted_m < radii.resting_m && radii.resting_m < radii.distended_m);
-}
-
-#[test]
-fn law_a_map_moves_with_the_torso() {
-    let (tract, _) = load_model("than2015-track");
-    let tract = Arc::new(tract);
-    let world_from_torso = Isometry3::new(Vector3::new(0.1, -0.2, 0.3), Vector3::new(0.4, 1.0, -0.7));
-    let map = TractInWorld::new(tract.clone(), world_from_torso);
-    for i in 1..40 {
-        let station = tract.station(0.0135 * f64::from(i));
-        let asked = station.position_m + station.normal * 0.004;
-        let (in_torso, in_world) = (tract.nearest(&asked, 3), map.nearest(&(world_from_torso * asked), 3));
-        assert_eq!(in_torso.len(), in_world.len());
-        assert!((in_world[0].distance_m - 0.004).abs() < 1e-9);
-        assert_eq!(in_world[0].segment.as_deref(), Some("jejunum"));
-        for (a, b) in in_torso.iter().zip(&in_world) {
-            assert!((a.arc_length_m - b.arc_length_m).abs() < 1e-9);
-            assert!((world_from_torso * a.point_world_m - b.point_world_m).norm() < 1e-9);
-        }
-    }
-    assert_eq!(PathMap::length_m(&map), tract.length_m());
 }
 
 #[test]

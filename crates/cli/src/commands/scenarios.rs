@@ -79,13 +79,14 @@ fn show(path: &Path, resolved: bool, set: &[String]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// One table with every key: value, unit (from its suffix), default or set.
+/// One table with every key: value, unit (from its suffix), default or set, and where the default comes from.
 fn print_resolved(entry: &Resolved) {
     println!("[{}]  # {}", entry.path, entry.file);
-    for (key, value) in &entry.values {
-        let origin = if entry.set.contains(key) { "set" } else { "default" };
-        let unit = unit_of(key).map_or(String::new(), |u| format!(", {u}"));
-        println!("{key} = {value}  # {origin}{unit}");
+    for row in entry.rows() {
+        let origin = if row.set { "set" } else { "default" };
+        let unit = unit_of(&row.key).map_or(String::new(), |u| format!(", {u}"));
+        let source = row.source.filter(|_| !row.set).map_or(String::new(), |s| format!("; {s}"));
+        println!("{} = {}  # {origin}{unit}{source}", row.key, row.value);
     }
     println!();
 }

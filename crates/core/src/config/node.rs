@@ -2,10 +2,11 @@
 
 use super::ConfigError;
 use super::overrides::Override;
+use super::resolved::{Resolved, ResolvedLog};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use toml::Spanned;
 
 pub(super) type Value<'a> = toml::de::DeValue<'a>;
@@ -13,35 +14,6 @@ pub(super) type Table<'a> = toml::de::DeTable<'a>;
 
 /// Files above this size are not configuration.
 const MAX_FILE_BYTES: u64 = 16 * 1024 * 1024;
-
-/// One table as it was understood: with every default filled in.
-#[derive(Clone, Debug)]
-pub struct Resolved {
-    /// The file it came from.
-    pub file: String,
-    /// Path of keys.
-    pub path: String,
-    /// All keys with their values.
-    pub values: toml::Table,
-    /// Keys that the file sets; the others are defaults.
-    pub set: Vec<String>,
-}
-
-/// What was parsed so far, in order. Shared by all nodes of a scenario.
-#[derive(Clone, Debug, Default)]
-pub struct ResolvedLog(Arc<Mutex<Vec<Resolved>>>);
-
-impl ResolvedLog {
-    /// The tables parsed so far.
-    pub fn entries(&self) -> Vec<Resolved> {
-        // A poisoned lock means another thread panicked while pushing; what was pushed is still whole.
-        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
-    }
-
-    fn push(&self, entry: Resolved) {
-        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(entry);
-    }
-}
 
 /// The text that positions point into: a file, and behind it the overrides.
 #[derive(Debug)]
@@ -240,6 +212,30 @@ impl Node {
         })
     }
 
+    /// As [`Node::keys`], with the dotted keys of the tables within.
+    fn keys_within(&self) -> Vec<String> {
+        fn collect(value: &Spanned<Value<'_>>, path: &str, keys: &mut Vec<String>) {
+            match value.get_ref() {
+                Value::Table(table) => {
+                    for (key, inner) in table {
+                        let path = join(path, key.get_ref());
+                        keys.push(path.clone());
+                        collect(inner, &path, keys);
+                    }
+                }
+                Value::Array(items) => {
+                    for (i, item) in items.iter().enumerate() {
+                        collect(item, &format!("{path}[{i}]"), keys);
+                    }
+                }
+                _ => {}
+            }
+        }
+        let mut keys = Vec::new();
+        self.with_value(|value| value.into_iter().for_each(|value| collect(value, "", &mut keys)));
+        keys
+    }
+
     /// The value under a key, `None` where it is not written.
     pub fn child(&self, key: &str) -> Option<Self> {
         let child = self.child_or_empty(key);
@@ -282,10 +278,23 @@ impl Node {
     /// # Errors
     /// [`ConfigError`] with file, line, key and what is allowed.
     pub fn parse<T: DeserializeOwned + Serialize>(&self) -> Result<T, ConfigError> {
+        self.parse_sourced(&[])
+    }
+
+    /// As [`Node::parse`]; the log then tells the source of each default, too: pairs of key (dotted for tables within this one)
+    /// and source in words.
+    ///
+    /// # Errors
+    /// As [`Node::parse`].
+    pub fn parse_sourced<T: DeserializeOwned + Serialize>(
+        &self,
+        sources: &[(&str, &str)],
+    ) -> Result<T, ConfigError> {
         let parsed: T = self.parse_quietly()?;
         if let Ok(values) = toml::Table::try_from(&parsed) {
             let (file, path) = (self.source.file.clone(), self.path.clone());
-            self.log.push(Resolved { file, path, values, set: self.keys() });
+            let sources = sources.iter().map(|(key, text)| ((*key).to_owned(), (*text).to_owned())).collect();
+            self.log.push(Resolved { file, path, values, set: self.keys_within(), sources });
         }
         Ok(parsed)
     }
@@ -412,6 +421,7 @@ fn key_at(value: &Spanned<Value<'_>>, span: &std::ops::Range<usize>) -> Option<S
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::ResolvedRow;
     use crate::config::quantity::Positive;
     use serde::Deserialize;
 
@@ -477,5 +487,29 @@ mod tests {
         assert_eq!(entry.path, "body");
         assert_eq!(entry.set, vec!["radius_mm"]);
         assert_eq!(entry.values["rings"].as_integer(), Some(3));
+        assert!(entry.sources.is_empty());
+        let _: Body = root.child("body").unwrap().parse_sourced(&[("rings", "chosen: fits")]).unwrap();
+        let entry = &root.log().entries()[1];
+        let row = |key: &str, value: toml::Value, set, source: Option<&str>| ResolvedRow {
+            key: key.into(),
+            value,
+            set,
+            source: source.map(ToOwned::to_owned),
+        };
+        let expected =
+            [row("radius_mm", 5.0.into(), true, None), row("rings", 3.into(), false, Some("chosen: fits"))];
+        assert_eq!(entry.rows(), expected);
+    }
+
+    #[test]
+    fn law_rows_take_tables_and_arrays_of_tables_apart() {
+        let root =
+            node("[a]\nx = [1, 2]\n[[a.part]]\ny = 1\n[[a.part]]\n[a.inner]\nz = true\n", &[]).unwrap();
+        let _: toml::Table =
+            root.child("a").unwrap().parse_sourced(&[("part.y", "p"), ("inner.z", "q")]).unwrap();
+        let rows = root.log().entries()[0].rows();
+        let keys: Vec<(&str, bool, Option<&str>)> =
+            rows.iter().map(|row| (row.key.as_str(), row.set, row.source.as_deref())).collect();
+        assert_eq!(keys, [("inner.z", true, Some("q")), ("part[0].y", true, Some("p")), ("x", true, None)]);
     }
 }

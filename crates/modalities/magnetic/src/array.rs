@@ -376,12 +376,6 @@ impl SensorArray {
         let step = eigen.eigenvectors.column(flat) * (0.566 * extent);
         vec![centroid + step, centroid - step]
     }
-
-    /// The centre of the sensors, for messages and pictures.
-    pub fn centre(&self) -> Point3<f64> {
-        let sum: Vector3<f64> = self.sensors.iter().map(|s| s.pose.translation.vector).sum();
-        Point3::from(sum / self.sensors.len().max(1) as f64)
-    }
 }
 
 impl SensorTable {

@@ -1,6 +1,6 @@
 //! The tables of a magnetic sensor in a scenario.
 //!
-//! `[sensor.installed]` is what both sides know, `[sensor.reality]` what the world does beyond it, `[track.options.<sensor>]`
+//! `[sensor.installed]` is what both sides know, `[sensor.reality]` what the world does beyond it, `[track.sensor.<name>]`
 //! what an estimator is told to do. The magnet itself stands in the capsule's model: `[magnet]`.
 
 use crate::array::SensorArray;
@@ -80,7 +80,7 @@ pub struct RealityTable {
     pub disturbance: Vec<DisturbanceTable>,
 }
 
-/// `[track.options.<sensor>]` for a magnetic sensor.
+/// `[track.sensor.<name>]` for a magnetic sensor.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptionsTable {
@@ -96,6 +96,38 @@ pub struct OptionsTable {
     /// deviations on every channel).
     pub max_reduced_chi_square: Option<Positive>,
 }
+
+/// Where the defaults of these tables come from: key and source.
+pub const INSTALLED_SOURCES: [(&str, &str); 4] = [
+    ("saturation", "chosen: a real converter has an end"),
+    ("quantization", "chosen: a real converter has steps"),
+    ("noise_tesla", "the array's file"),
+    ("worn_on", "chosen: fixed to the room"),
+];
+
+/// See [`INSTALLED_SOURCES`].
+pub const REALITY_SOURCES: [(&str, &str); 8] = [
+    ("law", "exact field of the cylinder, Derby and Olbert 2010"),
+    ("bias_sigma_tesla", "chosen: a perfect array unless the scenario says else"),
+    ("gain_sigma", "chosen: a perfect array unless the scenario says else"),
+    ("axis_sigma_deg", "chosen: a perfect array unless the scenario says else"),
+    ("placement_sigma_mm", "chosen: a perfect array unless the scenario says else"),
+    ("ambient_tesla", "chosen: the Earth's field is taken off before"),
+    ("strength_error", "chosen: the magnet is as its model says"),
+    ("disturbance", "chosen: nothing magnetic comes near"),
+];
+
+/// See [`INSTALLED_SOURCES`].
+pub const OPTIONS_SOURCES: [(&str, &str); 5] = [
+    ("front_end", "chosen: a pose without a filter"),
+    ("law", "exact field of the cylinder, Derby and Olbert 2010"),
+    ("noise_tesla", "the installed noise, with the converter's step (Widrow and Kollar 2008)"),
+    ("relative_error", "chosen: the estimator trusts its field law"),
+    ("max_reduced_chi_square", "chosen: 25, five standard deviations on every channel"),
+];
+
+/// See [`INSTALLED_SOURCES`].
+pub const MAGNET_SOURCES: [(&str, &str); 1] = [("offset_mm", "chosen: in the capsule's middle")];
 
 /// `[magnet]` of a capsule model.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -133,7 +165,7 @@ impl Magnet {
             let message = format!("sensor `{}` is magnetic, but this capsule has no [magnet]", setup.sensor);
             return Err(setup.capsule_model.error(&message));
         };
-        let table: MagnetTable = node.parse()?;
+        let table: MagnetTable = node.parse_sourced(&MAGNET_SOURCES)?;
         let (radius, length) = (0.5e-3 * table.diameter_mm.0, 1e-3 * table.length_mm.0);
         let cylinder = Cylinder::magnet(radius, length, table.remanence_tesla.0)
             .map_err(|error| node.error(&error.to_string()))?;
@@ -167,7 +199,7 @@ impl Installed {
     /// # Errors
     /// [`ModalityError::Config`] with file, line and key.
     pub fn from_node(node: &Node, setup: &Setup) -> Result<Self, ModalityError> {
-        let table: InstalledTable = node.parse()?;
+        let table: InstalledTable = node.parse_sourced(&INSTALLED_SOURCES)?;
         let file = setup.models.open("sensor-arrays", &table.array, node, "array")?;
         let array = SensorArray::from_node(&file)?;
         let magnet = Magnet::from_capsule(setup)?;
@@ -194,5 +226,28 @@ impl Installed {
     pub fn reading_sigma_tesla(&self) -> f64 {
         let step = self.step_tesla().unwrap_or(0.0);
         self.noise_tesla().hypot(step / 12.0_f64.sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn law_every_default_has_a_source() {
+        let node = Node::parse_text("array = \"a\"\n", "s.toml", Path::new(""), &[]).unwrap();
+        let _: InstalledTable = node.parse_sourced(&INSTALLED_SOURCES).unwrap();
+        let empty = node.child_or_empty("nothing");
+        let _: RealityTable = empty.parse_sourced(&REALITY_SOURCES).unwrap();
+        let _: OptionsTable = empty.parse_sourced(&OPTIONS_SOURCES).unwrap();
+        let text = "diameter_mm = 5\nlength_mm = 6\nremanence_tesla = 1\nsource = \"\"\n";
+        let magnet = Node::parse_text(text, "c.toml", Path::new(""), &[]).unwrap().with_log_of(&node);
+        let _: MagnetTable = magnet.parse_sourced(&MAGNET_SOURCES).unwrap();
+        let rows: Vec<_> = node.log().entries().iter().flat_map(lumenav_core::Resolved::rows).collect();
+        assert!(rows.len() > 15, "{}", rows.len());
+        for row in rows {
+            assert!(row.set || row.source.is_some(), "{} has no source", row.key);
+        }
     }
 }

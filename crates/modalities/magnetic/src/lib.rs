@@ -22,7 +22,7 @@ pub mod reader;
 pub mod sensor;
 pub mod solver;
 
-use config::{Installed, OptionsTable, RealityTable};
+use config::{Installed, OPTIONS_SOURCES, OptionsTable, REALITY_SOURCES, RealityTable};
 use front_end::MagneticFrontEnd;
 use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
 use sensor::MagneticSensor;
@@ -51,7 +51,7 @@ impl Modality for Magnetic {
         setup: &Setup,
     ) -> Result<Box<dyn Sensor>, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
-        let table: RealityTable = reality.parse()?;
+        let table: RealityTable = reality.parse_sourced(&REALITY_SOURCES)?;
         if table.strength_error.0 <= -1.0 {
             let message = "a strength error of -1 or below leaves no magnet; allowed: above -1";
             return Err(reality.error_at("strength_error", message).into());
@@ -70,7 +70,7 @@ impl Modality for Magnetic {
 
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
-        let table: OptionsTable = options.parse()?;
+        let table: OptionsTable = options.parse_sourced(&OPTIONS_SOURCES)?;
         Ok(Estimator::of_front_end(MagneticFrontEnd::new(setup.sensor.clone(), &opened, &table)))
     }
 

@@ -2,7 +2,7 @@
 //!
 //! `reading = clip(quantise(gain · a'·(B(magnet) + B(ambient) + B(disturbances)) + bias + noise))` with a' the true axis and
 //! the sensor at its true place. Gains, axes, biases and misplacements are drawn once, from the streams `gain`, `axis`, `bias`
-//! and `placement`; the noise of reading n from `(noise, n)`.
+//! and `placement`; the noise of reading n from `(noise, n)`, whether it is lost from `(loss, n)`: losses shift no noise.
 
 #![expect(clippy::disallowed_types, reason = "world side: a sensor observes the truth")]
 
@@ -149,10 +149,11 @@ impl Sensor for MagneticSensor {
     ) -> Result<Option<Observation>, ModalityError> {
         let sequence = self.sequence;
         self.sequence += 1;
-        let mut stream = random.stream("noise", sequence);
-        if self.schedule.loss.0 > 0.0 && stream.random::<f64>() < self.schedule.loss.0 {
+        let loss = self.schedule.loss.0;
+        if loss > 0.0 && random.stream("loss", sequence).random::<f64>() < loss {
             return Ok(None);
         }
+        let mut stream = random.stream("noise", sequence);
         let flaws = match self.flaws.take() {
             Some(flaws) => flaws,
             None => self.draw_flaws(random),

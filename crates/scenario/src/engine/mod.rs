@@ -26,36 +26,37 @@
 
 mod bends;
 mod body;
+mod config;
 mod events;
 mod foot;
 mod fuzz;
 mod snapshot;
+mod sources;
 mod system;
 mod wall;
 
 pub use body::Obstacle;
+pub use config::EngineConfig;
 pub use events::{EngineEvent, EventKind};
 pub use fuzz::{FuzzReport, TOLERANCE_M, fuzz_inside_lumen};
 
 use body::Body;
+use config::check;
 use events::Watch;
 use lumenav_anatomy::centre_line::Station;
 use lumenav_anatomy::lumen::Lumen;
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::{End, Tract};
-use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::pose::attitude_from_axis;
 use lumenav_core::{CapsuleBody, SimTime};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 use std::sync::Arc;
 use system::{System, Twist};
 use wall::{Cap, Placement, Reaction, Rings, WallContacts};
 
-/// Allowed step rates, 1/s.
-const STEP_RATES_HZ: std::ops::RangeInclusive<u32> = 60..=10_000;
+pub use sources::ENGINE_SOURCES;
 
 /// How fast the centre's projection may move: this factor of its speed (on the inner side of a bend the projection is faster), and
 /// this much more, m/s, to catch up.
@@ -79,7 +80,7 @@ pub enum EngineError {
     },
     /// A capsule that is not longer than it is wide, or without size or mass.
     #[error(
-        "the capsule has to have a positive mass and a length above its diameter: radius {radius_m} m, length {length_m} m, mass {mass_kg} kg"
+        "in a tract ([tract]) the capsule has to be longer than wide, as the wall holds it by its straight part, with a positive mass; kinematic truth and replays take any: radius {radius_m} m, length {length_m} m, mass {mass_kg} kg"
     )]
     CapsuleShape {
         /// Radius, m.
@@ -95,73 +96,6 @@ pub enum EngineError {
         /// What is wrong.
         reason: &'static str,
     },
-}
-
-/// `[engine]`: numbers of the engine. (S) stated by a source, (B) believed, (T) tuned here.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct EngineConfig {
-    /// Steps per second, 60 to 10,000. Default 240: end points agree with those at 1,000 Hz within 1 %.
-    pub step_rate_hz: u32,
-    /// Where the capsule's centre starts, arc length, m. Default: 20 mm behind the tract's oral end.
-    pub start_arc_length_m: NonNegative,
-    /// Turn of the capsule about its axis at the start, rad. Default 0.
-    pub start_roll_rad: Finite,
-    /// Gravity in the torso frame, m/s². Default (0, -9.81, 0): lying on the back.
-    pub gravity_torso_m_s2: [Finite; 3],
-    /// Segments without fluid: no buoyancy and no drag. Default none: bowels are prepared with litres of fluid.
-    pub dry_segments: Vec<SegmentKey>,
-    /// Density of the fluid, kg/m³. Default 1000 (S).
-    pub fluid_density_kg_m3: NonNegative,
-    /// Viscosity of the fluid, Pa s. Default 0.001, water.
-    pub fluid_viscosity_pa_s: NonNegative,
-    /// Drag coefficient of a short cylinder across. Default 1 (0.6 to 1.2 over the Reynolds numbers met, Hoerner 1965).
-    pub drag_coefficient: NonNegative,
-    /// Adhesion of the wall, N: Coulomb-like, for the capsule as a whole. Default 0.025 (B).
-    pub coulomb_newton: NonNegative,
-    /// Slip speed at which friction is fully developed, m/s. Default 2e-6 [T to "no transport without waves": with the 2e-4 first
-    /// proposed, a capsule creeps 7 mm a minute down a slope].
-    pub regularisation_m_s: Positive,
-    /// Viscous friction of a wall all around the capsule, N s/m. Default 15 [B: 91 mN of traction at 1 to 5 mm/s].
-    pub viscous_newton_s_per_m: NonNegative,
-    /// How much stiffer a fully contracted wall is than a resting one: k (1 + this x closed fraction). Default 14 [T to "a mass
-    /// movement of the colon takes the capsule along"; muscle in tone is stiff, and its pressure of 14 kPa (S) on the capsule's
-    /// cross-section would be 1.3 N].
-    pub contraction_stiffening: NonNegative,
-    /// Stiffness of a closed end, N/m. Default 200 (B): the capsule's weight makes 0.05 mm.
-    pub cap_stiffness_newton_per_m: Positive,
-    /// Damping of a closed end, N s/m. Default 8, that of a ring (B).
-    pub cap_damping_newton_s_per_m: NonNegative,
-    /// A capsule that has not moved by `stalled_distance_m` for so long is `stalled`, s. Default 600 (B).
-    pub stalled_after_s: Positive,
-    /// And for so long, `retained`, s. Default 21600 (6 h) [B: above the longest rest between two mass movements expected].
-    pub retained_after_s: Positive,
-    /// See `stalled_after_s`, m. Default 0.01.
-    pub stalled_distance_m: Positive,
-}
-
-impl Default for EngineConfig {
-    fn default() -> Self {
-        Self {
-            step_rate_hz: 240,
-            start_arc_length_m: NonNegative(0.02),
-            start_roll_rad: Finite(0.0),
-            gravity_torso_m_s2: [Finite(0.0), Finite(-9.81), Finite(0.0)],
-            dry_segments: Vec::new(),
-            fluid_density_kg_m3: NonNegative(1000.0),
-            fluid_viscosity_pa_s: NonNegative(1e-3),
-            drag_coefficient: NonNegative(1.0),
-            coulomb_newton: NonNegative(0.025),
-            regularisation_m_s: Positive(2e-6),
-            viscous_newton_s_per_m: NonNegative(15.0),
-            contraction_stiffening: NonNegative(14.0),
-            cap_stiffness_newton_per_m: Positive(200.0),
-            cap_damping_newton_s_per_m: NonNegative(8.0),
-            stalled_after_s: Positive(600.0),
-            retained_after_s: Positive(21_600.0),
-            stalled_distance_m: Positive(0.01),
-        }
-    }
 }
 
 /// The capsule's true state at the end of a step.
@@ -187,7 +121,7 @@ pub struct EngineState {
     pub wall_force_n: f64,
     /// Whether the wall touches the capsule.
     pub contact: bool,
-    /// Whether the capsule has left the tract: then everything above stays as it was when it left.
+    /// Whether the capsule has left the tract: then it rests where it left, with neither velocity nor wall, and feels gravity alone.
     pub left: bool,
 }
 
@@ -215,6 +149,8 @@ pub struct Engine {
     left: bool,
     watch: Watch,
     events: Vec<EngineEvent>,
+    /// See [`Engine::fingerprint`]: what never changes in it.
+    fingerprint: std::sync::OnceLock<u64>,
 }
 
 impl Engine {
@@ -260,6 +196,7 @@ impl Engine {
             left: false,
             watch,
             events: Vec::with_capacity(16),
+            fingerprint: std::sync::OnceLock::new(),
             config,
             capsule,
             tract,
@@ -406,6 +343,9 @@ impl Engine {
             self.segment_index -= 1;
         }
         self.left = self.is_outside(&centre);
+        if self.left {
+            self.rest(&pose);
+        }
         let at = self.time();
         let seen = events::Seen {
             at,
@@ -415,6 +355,14 @@ impl Engine {
             left: self.left,
         };
         self.watch.look(&seen, &self.tract, &self.config, &mut self.events);
+    }
+
+    /// What has left rests: outside there is nothing that this engine could follow it through.
+    fn rest(&mut self, pose: &Isometry3<f64>) {
+        self.body.set_twist(&Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
+        self.specific_force_capsule_m_s2 = pose.rotation.inverse() * -self.gravity_torso_m_s2;
+        self.wall_force_n = 0.0;
+        self.touching = 0;
     }
 
     /// Takes on the centre's projection, as far as it can have moved in a step: where the centre crosses the evolute of a tight bend
@@ -460,23 +408,6 @@ impl Engine {
             left: self.left,
         }
     }
-}
-
-fn check(config: &EngineConfig, tract: &Tract, capsule: &CapsuleBody) -> Result<(), EngineError> {
-    let in_range = |name, value: f64, low: f64, high: f64| {
-        if (low..=high).contains(&value) {
-            Ok(())
-        } else {
-            Err(EngineError::OutOfRange { name, value, low, high })
-        }
-    };
-    let (low, high) = (*STEP_RATES_HZ.start(), *STEP_RATES_HZ.end());
-    in_range("step_rate_hz", f64::from(config.step_rate_hz), f64::from(low), f64::from(high))?;
-    in_range("start_arc_length_m", config.start_arc_length_m.0, 0.0, tract.length_m())?;
-    let CapsuleBody { radius_m, length_m, mass_kg } = *capsule;
-    let sound =
-        radius_m > 0.0 && mass_kg > 0.0 && length_m > 2.0 * radius_m && (length_m * mass_kg).is_finite();
-    if sound { Ok(()) } else { Err(EngineError::CapsuleShape { radius_m, length_m, mass_kg }) }
 }
 
 fn caps(tract: &Tract) -> [Option<Cap>; 2] {

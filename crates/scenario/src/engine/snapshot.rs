@@ -7,6 +7,8 @@
 use super::system::Twist;
 use super::{Engine, EngineError};
 use lumenav_core::SimTime;
+use std::fmt::{self, Write as _};
+
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 const MAGIC: &[u8; 4] = b"LNVE";
@@ -159,20 +161,42 @@ impl Engine {
         Ok(())
     }
 
-    /// FNV-1a over what the engine was built from.
+    /// FNV-1a over what the engine was built from: configuration, capsule, tract, motility and obstacles, each in full.
     fn fingerprint(&self) -> u64 {
-        let mut hash = 0xcbf2_9ce4_8422_2325_u64;
-        let text = format!(
-            "{:?}{:?}{}{}",
-            self.config,
-            self.capsule,
-            self.lumen.motility().fingerprint_text(),
-            self.body.obstacles()
-        );
-        let length = self.tract.length_m().to_bits().to_le_bytes();
-        for byte in text.as_bytes().iter().chain(&length) {
-            hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        let constant = self.fingerprint.get_or_init(|| {
+            let mut hash = Fnv::default();
+            hash.add(&format_args!("{:?}{:?}", self.config, self.capsule));
+            hash.add(&format_args!("{:?}", self.tract));
+            hash.add(&format_args!("{}", self.lumen.motility().fingerprint_text()));
+            hash.0
+        });
+        let mut hash = Fnv(*constant);
+        hash.add(&format_args!("{}", self.body.obstacles()));
+        hash.0
+    }
+}
+
+/// FNV-1a of text, as it is written.
+struct Fnv(u64);
+
+impl Default for Fnv {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fnv {
+    fn add(&mut self, text: &fmt::Arguments<'_>) {
+        // Writing to this never fails, and neither do the derived formatters of numbers and structs.
+        let _ = self.write_fmt(*text);
+    }
+}
+
+impl fmt::Write for Fnv {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for byte in text.bytes() {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
-        hash
+        Ok(())
     }
 }

@@ -334,13 +334,20 @@ proptest! {
     }
 }
 
+/// The folder of recorded data, or a line that says it is skipped.
+fn data_or_skip(test: &str) -> Option<std::ffi::OsString> {
+    let folder = std::env::var_os("LUMENAV_DATA");
+    match &folder {
+        Some(_) => println!("REAL-DATA ran {test}"),
+        None => println!("{test}: SKIPPED (LUMENAV_DATA unset)"),
+    }
+    folder
+}
+
 #[test]
 fn law_recorded_series_are_read_whole() {
     // Runs where the folder of recorded data is; says so where it is not.
-    let Some(data) = std::env::var_os("LUMENAV_DATA") else {
-        println!("LUMENAV_DATA is not set: the recorded series were not read");
-        return;
-    };
+    let Some(data) = data_or_skip("law_recorded_series_are_read_whole") else { return };
     let scenario = Node::open(&models().join("../scenarios/replay/magnet-patch.toml")).unwrap();
     let mut setup = setup([0.0; 3]);
     setup.capsule_model = Node::open(&models().join("capsules/magnet-10x10.toml")).unwrap();
@@ -369,8 +376,8 @@ fn references(path: &Path) -> Vec<Vector3<f64>> {
 
 #[test]
 fn published_recorded_series_are_solved_cold_to_a_tenth_of_a_millimetre() {
-    let Some(data) = std::env::var_os("LUMENAV_DATA") else {
-        println!("LUMENAV_DATA is not set: the recorded series were not solved");
+    let Some(data) = data_or_skip("published_recorded_series_are_solved_cold_to_a_tenth_of_a_millimetre")
+    else {
         return;
     };
     let scenario = Node::open(&models().join("../scenarios/replay/magnet-patch.toml")).unwrap();
@@ -395,7 +402,7 @@ fn published_recorded_series_are_solved_cold_to_a_tenth_of_a_millimetre() {
             }
         }
         let mean = errors_mm.iter().sum::<f64>() / errors_mm.len() as f64;
-        println!("{law}: mean error {mean:.4} mm over {} readings", errors_mm.len());
+        println!("figure: recorded series, {law}: mean error {mean:.4} mm over {} readings", errors_mm.len());
         assert_eq!(errors_mm.len(), 189);
         assert!(mean < limit_mm, "{law}: {mean} mm");
     }

@@ -65,7 +65,7 @@ fn law_a_lost_reading_shifts_no_other() {
     let mut lossy = Magnetic.sensor(&node("array = \"plane-4x4\""), &node(""), &lossy_setup).unwrap();
     let mut lost = 0;
     let mut last = None;
-    for n in 0..all.len() {
+    for (n, lossless) in all.iter().enumerate() {
         let at = lossy.next_due();
         assert!(last.is_none_or(|last| at > last));
         last = Some(at);
@@ -74,6 +74,7 @@ fn law_a_lost_reading_shifts_no_other() {
             Some(seen) => {
                 assert_eq!(seen.reading.sequence, n as u64);
                 assert_eq!(seen.reading.arrival, at + 5_000_000);
+                assert_eq!(seen.reading.payload.f64("flux_tesla").unwrap(), lossless, "reading {n}");
             }
         }
     }

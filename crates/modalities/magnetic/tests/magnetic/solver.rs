@@ -50,7 +50,9 @@ fn cross_two_starts_reach_the_right_basin_from_2000_poses_of_the_reference_works
     let array = SensorArray::from_node(&file).unwrap();
     let mut random = stream("poses", 0);
     let poses = (0..2000).map(|_| workspace_pose(&mut random));
-    assert_eq!(right_basins(&array, poses, "basin"), (2000, 2000));
+    let (right, all) = right_basins(&array, poses, "basin");
+    println!("figure: right basin from two starts: {right} of {all} poses");
+    assert_eq!((right, all), (2000, 2000));
 }
 
 /// Root mean square of the position error over the bound, over `trials` noise draws; and the mean χ² per degree of freedom.
@@ -85,7 +87,7 @@ fn published_maximum_likelihood_reaches_the_bound_from_nine_sensors_on() {
     for (side, truth) in [(3, &upright), (4, &upright), (4, &slanted), (6, &upright), (10, &upright)] {
         let (ratio, chi_square) = error_over_bound(side, truth, trials);
         println!(
-            "N = {:3}, {trials} trials: RMSE over bound {ratio:.4}, chi-square {chi_square:.4}",
+            "figure: maximum likelihood, N = {:3}, {trials} trials: RMSE over bound {ratio:.4}, chi-square {chi_square:.4}",
             side * side
         );
         assert!((ratio - 1.0).abs() < allowed, "N = {}: {ratio}", side * side);

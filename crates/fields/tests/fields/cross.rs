@@ -1,4 +1,5 @@
-//! Fixtures of the studies of taddese2018 (permanent magnet, coil, wrench) and closed forms.
+//! Fixtures of this project's own study of the set-up of taddese2018 (permanent magnet, coil, wrench), computed by other programs,
+//! and closed forms.
 
 use approx::assert_relative_eq;
 use lumenav_fields::{Cylinder, FieldSource, elliptic, multipole, wrench};
@@ -9,7 +10,7 @@ fn close(actual: f64, expected: f64, relative: f64) {
 }
 
 #[test]
-fn published_strengths_of_magnet_and_coil() {
+fn cross_strengths_of_magnet_and_coil() {
     // taddese2018: N52 cylinder 101.6 x 101.6 mm; 160 turns, 0.71 A. Study: 970.114 and 2.890768 A m^2.
     close(crate::permanent_magnet().strength_t_m3(), 9.701142e-5, 1e-6);
     close(crate::coil().strength_t_m3(), 2.890768e-7, 1e-6);
@@ -19,7 +20,7 @@ fn published_strengths_of_magnet_and_coil() {
 }
 
 #[test]
-fn published_multipole_coefficients() {
+fn cross_multipole_coefficients() {
     let magnet = [(1, 9.70114189e-5), (3, 6.25878870e-8), (5, -5.65308817e-10)];
     let coil = [(1, 2.89076790e-7), (3, -1.64051078e-9), (5, 9.55868539e-12)];
     for (cylinder, coefficients) in [(crate::permanent_magnet(), magnet), (crate::coil(), coil)] {
@@ -32,7 +33,7 @@ fn published_multipole_coefficients() {
 }
 
 #[test]
-fn published_flux_of_magnet_and_coil() {
+fn cross_flux_of_magnet_and_coil() {
     let points =
         [[0.15, 0.0, 0.0], [0.0, 0.0, 0.15], [0.1, 0.05, 0.12], [0.12, -0.09, -0.1]].map(Vector3::from);
     let magnet = [
@@ -56,7 +57,7 @@ fn published_flux_of_magnet_and_coil() {
 }
 
 #[test]
-fn published_dipole_is_wrong_by_percents_near_the_magnet() {
+fn cross_dipole_is_wrong_by_percents_near_the_magnet() {
     // Study of taddese2018, table of section C: largest relative error of the dipole on a sphere.
     let table = [(0.15, 0.0676, 0.558), (0.2, 0.0321, 0.301), (0.3, 0.0124, 0.130)];
     for (radius_m, magnet_error, coil_error) in table {
@@ -76,7 +77,7 @@ fn published_dipole_is_wrong_by_percents_near_the_magnet() {
 }
 
 #[test]
-fn published_wrench_between_magnet_and_capsule() {
+fn cross_wrench_between_magnet_and_capsule() {
     // Moments of the permanent magnet and of the 11.11 x 11.11 mm magnet in the capsule, Br 1.48 T.
     let external = 10.0 * crate::permanent_magnet().strength_t_m3() * 1e6;
     let capsule = 10.0 * Cylinder::magnet(0.005555, 0.01111, 1.48).unwrap().strength_t_m3() * 1e6;
@@ -100,7 +101,7 @@ fn published_wrench_between_magnet_and_capsule() {
 }
 
 #[test]
-fn published_dipole_law_overstates_the_force_at_158_mm() {
+fn cross_dipole_law_overstates_the_force_at_158_mm() {
     // Spec 30, section 4: the dipole law overstates the force by 11 per cent at 158 mm (capsule below, facing).
     let magnet = crate::permanent_magnet();
     let moment = Vector3::x() * -1.268481;

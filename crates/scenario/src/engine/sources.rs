@@ -1,0 +1,28 @@
+//! Where the defaults of `[engine]` come from.
+
+/// Key of [`super::EngineConfig`] and source of its default.
+pub const ENGINE_SOURCES: [(&str, &str); 17] = [
+    ("step_rate_hz", "tuned: end points of a wave agree with those at 1,000 Hz within 1 %"),
+    ("start_arc_length_m", "chosen: replaced by `start_arc_length_mm` of [capsule]"),
+    ("start_roll_rad", "chosen: replaced by `start_roll_deg` of [capsule]"),
+    ("gravity_torso_m_s2", "standard gravity, rounded; a patient lying on the back"),
+    ("dry_segments", "chosen: a bowel prepared with litres of fluid"),
+    ("fluid_density_kg_m3", "water"),
+    ("fluid_viscosity_pa_s", "water at 20 degrees Celsius"),
+    ("drag_coefficient", "Hoerner 1965: short cylinder across, 0.6 to 1.2 over the Reynolds numbers met"),
+    ("coulomb_newton", "believed: a capsule of 11 mm is dragged with 20 to 100 mN"),
+    (
+        "regularisation_m_s",
+        "tuned: to no transport without waves (at 2e-4 a capsule creeps 7 mm a minute down a slope)",
+    ),
+    (
+        "viscous_newton_s_per_m",
+        "believed: the 91 mN of traction of a contraction (Ahluwalia 1994) at 1 to 5 mm/s",
+    ),
+    ("contraction_stiffening", "tuned: to a mass movement of the colon taking the capsule along"),
+    ("cap_stiffness_newton_per_m", "believed: the capsule's weight gives 0.05 mm"),
+    ("cap_damping_newton_s_per_m", "believed: that of a ring of the wall"),
+    ("stalled_after_s", "chosen: ten minutes, longer than the rests between small-bowel contractions"),
+    ("retained_after_s", "chosen: above the longest rest expected between two mass movements"),
+    ("stalled_distance_m", "chosen: less than half a capsule's length is no way"),
+];
