@@ -65,7 +65,7 @@ fn track(filter: &str) -> Track {
         |name: &str| Input { sensor: Name::from(name), front_end: Some(Box::new(Line)), motion_input: None };
     let inputs = vec![input("fast"), input("slow")];
     let setup = FilterSetup { blocks: blocks(&inputs), ..FilterSetup::default() };
-    let filter = lumenav_fusion::build(&node(filter), setup).unwrap();
+    let filter = lumenav_fusion::build(&node(filter), &setup).unwrap();
     Track::new(Name::from("t"), inputs, filter, &node("")).unwrap()
 }
 
@@ -185,7 +185,7 @@ fn law_a_filter_table_is_refused_with_what_is_allowed() {
     let message = |filter: &str, prior: Option<&str>| {
         let prior = prior.map(node);
         let setup = FilterSetup { prior: prior.as_ref(), ..FilterSetup::default() };
-        lumenav_fusion::build(&node(filter), setup).err().map(|error| error.to_string()).unwrap_or_default()
+        lumenav_fusion::build(&node(filter), &setup).err().map(|error| error.to_string()).unwrap_or_default()
     };
     for (filter, prior, words) in [
         ("kind = \"ukf\"", None, "unknown filter `ukf`; allowed: none, eskf"),
