@@ -6,12 +6,14 @@
 //! ```
 //!
 //! `e` is the norm of the error (m, or rad) and `B` the Cramér-Rao bound of its covariance at that update
-//! (m^2, or rad^2), posterior if the estimator has a motion model. 1 is efficient; 1.5 leaves a third of the
-//! accuracy unused. The first figure is the spec's RMSE over bound, which the worst places dominate; the
+//! (m^2, or rad^2): in lumenav that of the update's own measurement alone, at the true pose. 1 is efficient; 1.5
+//! leaves a third of the accuracy unused. The first figure is the spec's RMSE over bound, which the worst places dominate; the
 //! second does not let one place with a poor bound hide the rest.
 //!
-//! Below 1 over many updates means that the estimator knew something that the bound did not (a map, a motion
-//! model, or truth that leaked), or is biased towards a prior: the bound holds for unbiased estimators.
+//! A filter with a motion model remembers earlier measurements, which this bound does not: it may well lie below 1,
+//! and its figures say how much the memory brings, not how efficient the filter is (that would take the
+//! posterior bound). A track without memory that lies below 1 over many updates knew something that the bound did
+//! not (a map, or truth that leaked), or is biased towards a prior: the bound holds for unbiased estimators.
 
 use crate::summary::CompensatedSum;
 use serde::{Deserialize, Serialize};

@@ -69,16 +69,16 @@ fn run(steps: usize, belief: f64, reading_belief: f64, rng: &mut Pcg64Mcg) -> Ru
     result
 }
 
-fn across(runs: usize, steps: usize, belief: f64) -> NeesAcrossRuns {
+fn across(runs: usize, steps: usize, belief: f64, reading_belief: f64) -> NeesAcrossRuns {
     let mut rng = Pcg64Mcg::seed_from_u64(101);
     let mut collection = NeesAcrossRuns::new(3).unwrap();
-    (0..runs).for_each(|_| collection.push_run((0..).zip(run(steps, belief, belief, &mut rng).nees)));
+    (0..runs).for_each(|_| collection.push_run((0..).zip(run(steps, belief, reading_belief, &mut rng).nees)));
     collection
 }
 
 #[test]
 fn law_matched_linear_filter_passes_across_runs() {
-    let collection = across(200, 100, 1.0);
+    let collection = across(200, 100, 1.0, 1.0);
     let summary = collection.summary().unwrap();
     assert_eq!(Verdict::of_runs(&summary), Verdict::Consistent, "{summary:?}");
     assert_eq!((summary.runs, summary.steps), (200, 100));
@@ -89,12 +89,26 @@ fn law_matched_linear_filter_passes_across_runs() {
 #[test]
 fn law_noise_misstated_by_two_fails_on_its_side() {
     for (belief, word) in [(0.5, "overconfident: "), (2.0, "cautious: ")] {
-        let summary = across(200, 100, belief).summary().unwrap();
+        let summary = across(200, 100, belief, belief).summary().unwrap();
         let verdict = Verdict::of_runs(&summary).to_string();
         assert!(verdict.starts_with(word), "{verdict}");
         assert!(summary.share_inside_95 < 0.01, "{summary:?}");
         // All standard deviations scaled alike scale the claimed covariance alone.
         assert!((summary.mean_per_dof * belief * belief - 1.0).abs() < 0.05, "{summary:?}");
+    }
+}
+
+/// Scaled all together, NEES changes by algebra. One noise alone changes the gain and the error with it.
+#[test]
+fn law_one_noise_misstated_by_two_fails_on_its_side() {
+    for (factor, word) in [(0.5, "overconfident: "), (2.0, "cautious: ")] {
+        for (belief, reading_belief) in [(factor, 1.0), (1.0, factor)] {
+            let summary = across(200, 100, belief, reading_belief).summary().unwrap();
+            let verdict = Verdict::of_runs(&summary).to_string();
+            println!("motion {belief}, readings {reading_belief}: {verdict}");
+            assert!(verdict.starts_with(word), "motion {belief}, readings {reading_belief}: {verdict}");
+            assert!(summary.share_inside_95 < 0.5, "{summary:?}");
+        }
     }
 }
 

@@ -382,15 +382,14 @@ impl Filter for Eskf {
         } else {
             self.untimely(measurement.at, measurement.arrival)
         };
-        let offered = match refused {
-            Some(why) => Offered::refused(why),
-            None => {
-                self.arrived = self.arrived.max(measurement.arrival);
-                let key = (measurement.at, 1, measurement.sensor.clone(), measurement.sequence);
-                let offered = self.insert(key, Action::Measure(Arc::new(measurement)));
-                // An entry that measures always answers.
-                offered.unwrap_or(Offered::refused(Refused::NotStarted))
-            }
+        let offered = if let Some(why) = refused {
+            Offered::refused(why)
+        } else {
+            self.arrived = self.arrived.max(measurement.arrival);
+            let key = (measurement.at, 1, measurement.sensor.clone(), measurement.sequence);
+            let offered = self.insert(key, Action::Measure(Arc::new(measurement)));
+            // An entry that measures always answers.
+            offered.unwrap_or(Offered::refused(Refused::NotStarted))
         };
         self.count(&offered.verdict);
         self.counters.losses += u64::from(offered.lost.is_some());
@@ -439,8 +438,8 @@ impl Filter for Eskf {
 }
 
 /// The filter of a scenario's `[track.filter]`.
-pub(crate) fn build(options: &Node, setup: FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
-    let mut eskf = Eskf::new(options.parse()?, setup.blocks);
+pub(crate) fn build(options: &Node, setup: &FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
+    let mut eskf = Eskf::new(options.parse()?, setup.blocks.clone());
     if let Some(prior) = setup.prior {
         eskf = eskf.with_prior(&prior.parse::<PriorOptions>()?);
     }

@@ -8,7 +8,6 @@ use lumenav_core::{
     BlockSpec, ConfigError, Measurement, MotionInput, Name, Node, PathMap, PosePrior, PublishedEstimate,
     Reading, SimTime,
 };
-use nalgebra::Vector3;
 use std::sync::Arc;
 
 /// A filter of one track: it takes measurements in any order of arrival and answers with a belief.
@@ -120,12 +119,10 @@ pub struct FilterSetup<'n> {
     pub prior: Option<&'n Node>,
     /// The tract as a map, where estimators may know it.
     pub map: Option<Arc<dyn PathMap>>,
-    /// Gravity in the world, m/s²: what a measured specific force lacks to be an acceleration.
-    pub gravity_world_m_s2: Vector3<f64>,
 }
 
 /// Builds a filter from `[track.filter]` (its `kind` taken out) and the track's setup; `None` where the track has none.
-type Build = fn(&Node, FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError>;
+type Build = fn(&Node, &FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError>;
 
 /// A filter that a scenario can ask for.
 pub struct FilterKind {
@@ -153,7 +150,7 @@ pub static FILTERS: &[FilterKind] = &[
 /// The filter of a `[track.filter]` without a `kind`.
 const DEFAULT: &str = "eskf";
 
-fn no_filter(options: &Node, setup: FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
+fn no_filter(options: &Node, setup: &FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
     if options.keys().iter().any(|key| key != "kind") {
         return Err(options.error("a track without a filter has no options of one"));
     }
@@ -186,6 +183,6 @@ pub fn kind_of(node: &Node) -> Result<&'static FilterKind, ConfigError> {
 ///
 /// # Errors
 /// [`ConfigError`] with file, line and key.
-pub fn build(node: &Node, setup: FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
+pub fn build(node: &Node, setup: &FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
     (kind_of(node)?.build)(&node.without("kind"), setup)
 }

@@ -95,13 +95,8 @@ pub fn tracks(
                 motion_input: estimator.motion_input,
             });
         }
-        let setup = FilterSetup {
-            blocks: blocks(&inputs),
-            prior: track.prior.as_ref(),
-            map: map.cloned(),
-            ..FilterSetup::default()
-        };
-        let filter = lumenav_fusion::build(&track.filter, setup)?;
+        let setup = FilterSetup { blocks: blocks(&inputs), prior: track.prior.as_ref(), map: map.cloned() };
+        let filter = lumenav_fusion::build(&track.filter, &setup)?;
         tracks.push(Track::new(track.name.clone(), inputs, filter, &track.node)?);
     }
     Ok(tracks)

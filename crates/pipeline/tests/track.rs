@@ -2,13 +2,13 @@
 
 use lumenav_core::fix::FixModel;
 use lumenav_core::{
-    FixKind, Frame, FrontEnd, Measurement, ModalityError, Name, Node, Outcome, PoseEstimate, PosePrior,
-    PriorUse, Reading, Schema, SimTime,
+    FixKind, Frame, FrontEnd, Measurement, ModalityError, MotionInput, MotionSample, Name, Node, Outcome,
+    PoseEstimate, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
 };
 use lumenav_fusion::FilterSetup;
 use lumenav_pipeline::Refusal;
 use lumenav_pipeline::track::{Input, Step, Track, blocks};
-use nalgebra::{Isometry3, Matrix6};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -65,7 +65,7 @@ fn track(filter: &str) -> Track {
         |name: &str| Input { sensor: Name::from(name), front_end: Some(Box::new(Line)), motion_input: None };
     let inputs = vec![input("fast"), input("slow")];
     let setup = FilterSetup { blocks: blocks(&inputs), ..FilterSetup::default() };
-    let filter = lumenav_fusion::build(&node(filter), setup).unwrap();
+    let filter = lumenav_fusion::build(&node(filter), &setup).unwrap();
     Track::new(Name::from("t"), inputs, filter, &node("")).unwrap()
 }
 
@@ -90,7 +90,7 @@ fn law_a_gating_filter_is_judged_at_every_instant() {
         } else {
             0.5 * k as f64
         };
-        let step = one(&mut track, &reading("fast", k, tenth(k), x_mm));
+        let step = one(&mut track, &reading("fast", k, tenth(k) + 5, x_mm));
         let estimate = step.estimate.unwrap();
         assert!(!step.revision);
         match &step.refusal {
@@ -104,7 +104,7 @@ fn law_a_gating_filter_is_judged_at_every_instant() {
         published.push((estimate.at, estimate.available, estimate.pose.covariance[(0, 0)]));
     }
     assert_eq!(gated, 6);
-    let expected: Vec<_> = (0..60).map(|k| (tenth(k), tenth(k))).collect();
+    let expected: Vec<_> = (0..60).map(|k| (tenth(k), tenth(k) + 5)).collect();
     assert_eq!(published.iter().map(|p| (p.0, p.1)).collect::<Vec<_>>(), expected);
     // The longer it refuses, the less sure it is.
     assert!((20..25).all(|k| published[k + 1].2 > published[k].2));
@@ -134,6 +134,37 @@ fn law_a_late_measurement_revises_and_does_not_count_an_instant_twice() {
     }
 }
 
+struct Still;
+
+impl MotionInput for Still {
+    fn sample(&self, _reading: &Reading, _state: &dyn StateView) -> Result<MotionSample, ModalityError> {
+        let (rate, covariance) = (Vector3::zeros(), Matrix3::identity() * 1e-4);
+        Ok(MotionSample { angular_rate_capsule_rad_s: rate, covariance, bias: None })
+    }
+}
+
+/// A gyroscope is always ahead of a sensor with latency; what that sensor says is published for the gyroscope's instant, for
+/// which nothing was published before.
+#[test]
+fn law_a_measurement_behind_the_gyroscope_is_no_revision() {
+    let mut track = track("kind = \"eskf\"");
+    let motion: Arc<dyn MotionInput> = Arc::new(Still);
+    track.inputs.push(Input { sensor: Name::from("gyro"), front_end: None, motion_input: Some(motion) });
+    for k in 1..30 {
+        let mut rate = reading("gyro", k, tenth(k), 0.0);
+        rate.interval.0 = tenth(k - 1);
+        assert!(track.process(&rate).unwrap().is_empty());
+        // Half a period old when it arrives.
+        let mut seen = reading("slow", k, tenth(k), if k == 20 { 300.0 } else { 0.0 });
+        seen.interval = (tenth(k) - 50_000_000, tenth(k) - 50_000_000);
+        let step = one(&mut track, &seen);
+        assert_eq!(
+            (step.estimate.unwrap().at, step.revision, step.refusal.is_some()),
+            (tenth(k), false, k == 20)
+        );
+    }
+}
+
 /// Late, but newer than anything published: the first word about its instant.
 #[test]
 fn law_a_delayed_sensor_alone_revises_nothing() {
@@ -154,7 +185,7 @@ fn law_a_filter_table_is_refused_with_what_is_allowed() {
     let message = |filter: &str, prior: Option<&str>| {
         let prior = prior.map(node);
         let setup = FilterSetup { prior: prior.as_ref(), ..FilterSetup::default() };
-        lumenav_fusion::build(&node(filter), setup).err().map(|error| error.to_string()).unwrap_or_default()
+        lumenav_fusion::build(&node(filter), &setup).err().map(|error| error.to_string()).unwrap_or_default()
     };
     for (filter, prior, words) in [
         ("kind = \"ukf\"", None, "unknown filter `ukf`; allowed: none, eskf"),

@@ -28,9 +28,10 @@ struct Run {
     whiteness: InnovationWhiteness,
 }
 
-/// Standard deviations the filter is told, over the true ones: of the motion with the start, and of the readings.
+/// Standard deviations the filter is told, over the true ones: of the start, the motion, and the readings.
 #[derive(Clone, Copy)]
 struct Told {
+    start: f64,
     motion: f64,
     readings: f64,
 }
@@ -39,10 +40,10 @@ struct Told {
 fn start(told: Told) -> Belief {
     let fix = PoseEstimate {
         world_from_capsule: Isometry3::identity(),
-        covariance: Matrix6::identity() * (START_M * told.motion).powi(2),
+        covariance: Matrix6::identity() * (START_M * told.start).powi(2),
         kind: FixKind::Full,
     };
-    Belief::start(SimTime::ZERO, &fix, START_M_S * told.motion, 0.1)
+    Belief::start(SimTime::ZERO, &fix, START_M_S * told.start, 0.1)
 }
 
 /// One step of truth: `[p, v]` per axis with the exact covariance of white-noise acceleration.
@@ -96,7 +97,7 @@ fn across(runs: u64, told: Told) -> AcrossRunsSummary {
     collection.summary().unwrap()
 }
 
-const MATCHED: Told = Told { motion: 1.0, readings: 1.0 };
+const MATCHED: Told = Told { start: 1.0, motion: 1.0, readings: 1.0 };
 
 #[test]
 fn law_matched_filter_is_inside_its_nees_band() {
@@ -110,7 +111,7 @@ fn law_matched_filter_is_inside_its_nees_band() {
 #[test]
 fn law_noise_misstated_by_two_fails_on_its_side() {
     for (factor, word) in [(0.5, "overconfident: "), (2.0, "cautious: ")] {
-        let summary = across(200, Told { motion: factor, readings: factor });
+        let summary = across(200, Told { start: factor, motion: factor, readings: factor });
         let words = Judgement::of_runs(&summary).to_string();
         assert!(words.starts_with(word), "{factor}: {words}");
         assert!(summary.share_inside_95 < 0.01, "{summary:?}");
@@ -119,12 +120,27 @@ fn law_noise_misstated_by_two_fails_on_its_side() {
     }
 }
 
+/// Scaled all together, NEES changes by algebra whatever the filter does. One noise alone changes the gain, too, and the error
+/// with it: no formula foretells NEES, but its side is known.
+#[test]
+fn law_one_noise_misstated_by_two_fails_on_its_side() {
+    for (factor, word) in [(0.5, "overconfident: "), (2.0, "cautious: ")] {
+        for told in [Told { readings: factor, ..MATCHED }, Told { motion: factor, ..MATCHED }] {
+            let summary = across(200, told);
+            let words = Judgement::of_runs(&summary).to_string();
+            println!("motion {}, readings {}: {words}", told.motion, told.readings);
+            assert!(words.starts_with(word), "motion {}, readings {}: {words}", told.motion, told.readings);
+            assert!(summary.share_inside_95 < 0.5, "{summary:?}");
+        }
+    }
+}
+
 #[test]
 fn law_pooled_nis_is_inside_its_band_and_outside_when_misstated() {
     let judge = |told: Told| Judgement::of_innovations(&run(1000, told, 7).nis.summary().unwrap());
     assert!(judge(MATCHED).is_consistent(), "{}", judge(MATCHED));
     for factor in [0.5, 2.0] {
-        let judged = judge(Told { motion: factor, readings: factor });
+        let judged = judge(Told { start: factor, motion: factor, readings: factor });
         assert!(!judged.is_consistent(), "{factor}: {judged}");
     }
 }
@@ -134,6 +150,6 @@ fn law_innovations_are_white_unless_the_motion_is_trusted_too_much() {
     // Alpha 0.01, one seed: a right filter would fail here once in a hundred seeds.
     let matched = run(1000, MATCHED, 8).whiteness.p_value().unwrap();
     assert!(matched > 0.01, "p = {matched}");
-    let lagging = run(1000, Told { motion: 0.1, readings: 1.0 }, 8).whiteness.p_value().unwrap();
+    let lagging = run(1000, Told { start: 0.1, motion: 0.1, readings: 1.0 }, 8).whiteness.p_value().unwrap();
     assert!(lagging < 1e-6, "p = {lagging}");
 }

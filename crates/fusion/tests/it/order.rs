@@ -183,7 +183,7 @@ impl FrontEnd for Ruler {
     fn process(&mut self, reading: &Reading, prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
         let seen = Vector3::from_column_slice(reading.payload.f64("value")?);
         let mut m = position_fix("ruler", reading.sequence, reading.at(), &seen, 1e-3);
-        if reading.sequence % 10 != 0 {
+        if !reading.sequence.is_multiple_of(10) {
             let Some(prior) = prior else { return Ok(Outcome::Refused { why: "no prediction".into() }) };
             let predicted = prior.pose.world_from_capsule.translation.vector;
             let placed = seen

@@ -45,15 +45,20 @@ fn law_a_refusal_is_answered_with_the_prediction_and_leaves_no_trace() {
 #[test]
 fn law_the_past_within_the_lag_is_answered_with_what_was_known_then() {
     let mut filter = Eskf::new(EskfOptions::default(), Vec::new());
-    let mut known = Vec::new();
+    let (mut known, mut at_once) = (Vec::new(), Vec::new());
     for k in 0..30 {
         filter.offer(fix("s", k, 1e-3 * k as f64));
         known.push(filter.predicted_estimate(tenth(k) + 50_000_000).unwrap());
+        at_once.push(filter.estimate().unwrap());
     }
     for (k, then) in known.iter().enumerate().skip(9) {
         let again = filter.predicted_estimate(tenth(k as u64) + 50_000_000).unwrap();
         assert_eq!((again.at, &again.pose), (then.at, &then.pose), "{k}");
         assert_eq!(filter.predicted_pose(then.at).unwrap().pose, then.pose);
+        // At its own instant a measurement is known.
+        if k > 9 {
+            assert_eq!(filter.predicted_estimate(tenth(k as u64)).unwrap().pose, at_once[k].pose, "{k}");
+        }
     }
     assert!(filter.predicted_pose(tenth(8)).is_none(), "older than the lag");
 }
@@ -91,6 +96,12 @@ fn regress_a_capsule_turned_round_in_a_dropout_is_found_again() {
             let off = heading.angle(&(truth * Vector3::x()));
             assert!(off < 4.0 * sigma[1], "{degrees} degrees, fix {k}: {:.1} off", off.to_degrees());
             let variance = belief.covariance.view((4, 4), (2, 2)).trace() / 2.0;
+            // One fix knows the heading no better than it says, in any direction; so near the antipode that the prior reaches
+            // it from all sides the chart has a seam, and the first belief is too sure across it.
+            if k == 20 && degrees < 175.0 {
+                let block = belief.covariance.view((4, 4), (2, 2)).into_owned().symmetric_eigen();
+                assert!(block.eigenvalues.min() > 0.3 * sigma[1].powi(2), "{degrees}: {}", block.eigenvalues);
+            }
             nees.push(off * off / variance / 2.0);
         }
         // Certain of what is so: the mean over 28 fixes (correlated, so the bound is wide) is near 1 per degree of freedom.
