@@ -42,7 +42,7 @@ pub use front_end::{Estimator, FrontEnd, MotionInput, MotionSample, Outcome, Pos
 pub use measurement::{
     BlockSpec, Instant, Linearization, Measurement, MeasurementModel, Noise, Part, PriorUse, StateView,
 };
-pub use modality::{Modality, ModalityError, ReadingStream, Registry};
+pub use modality::{Modality, ModalityError, ReadingStream, Recorded, Registry};
 pub use motion::{AxisStep, MotionModel};
 pub use path_map::{PathMap, PathProjection};
 pub use primitive::Primitive;

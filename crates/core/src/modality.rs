@@ -63,8 +63,18 @@ impl From<ConfigError> for ModalityError {
     }
 }
 
-/// Recorded readings, in order of time, streamed.
-pub type ReadingStream = Box<dyn Iterator<Item = Result<Reading, ModalityError>> + Send>;
+/// What a recorded stream yields.
+#[derive(Debug)]
+pub enum Recorded {
+    /// A reading.
+    Reading(Reading),
+    /// A reading that could not be read and was passed over (`bad_rows = "skip"`): where, and why. Its sequence number is left
+    /// out.
+    Skipped(ModalityError),
+}
+
+/// Recorded readings, in order of arrival, streamed; an error ends the stream.
+pub type ReadingStream = Box<dyn Iterator<Item = Result<Recorded, ModalityError>> + Send>;
 
 /// A localization modality. World and estimator are built by different calls, from different tables.
 pub trait Modality: Send + Sync {

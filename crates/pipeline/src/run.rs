@@ -16,7 +16,7 @@ use crate::track::{Step, Track};
 use lumenav_core::time::{NANOSECONDS_PER_SECOND, nanoseconds};
 use lumenav_core::{
     CapsuleTruth, ModalityError, Name, Observation, PathMap, Primitive, RandomStreams, Reading,
-    ReadingStream, Registry, Sensor, SimTime,
+    ReadingStream, Recorded, Registry, Sensor, SimTime,
 };
 use lumenav_fusion::Counters;
 use lumenav_scenario::{ScenarioFile, World};
@@ -140,14 +140,14 @@ pub fn replay(
     let header = build::header(file, file.scenario.seed, 0, truth.is_some())?;
     let mut tracks = build::tracks(file, registry, None)?;
     let mut streams = Vec::new();
-    for (name, mut stream) in build::readers(file, registry)? {
-        let ahead = stream.next().transpose()?;
-        streams.push((name, stream, ahead));
-    }
     let mut summary = RunSummary::default();
     observers.start(&header)?;
+    for (name, mut stream) in build::readers(file, registry)? {
+        let ahead = next_reading(&name, &mut stream, SimTime::ZERO, observers)?;
+        streams.push((name, stream, ahead));
+    }
     let mut clock = ReplayClock::new(file.record.scene_rate_hz.0);
-    while let Some(reading) = earliest(&mut streams)? {
+    while let Some(reading) = earliest(&mut streams, observers)? {
         if stop() {
             return Err(RunError::Stopped { at: reading.arrival });
         }
@@ -171,17 +171,37 @@ pub fn replay(
 type Ahead = (Name, ReadingStream, Option<Reading>);
 
 /// The reading that arrived first of all streams; ties go to the file's order.
-fn earliest(streams: &mut [Ahead]) -> Result<Option<Reading>, RunError> {
+fn earliest(streams: &mut [Ahead], observers: &mut Observers<'_>) -> Result<Option<Reading>, RunError> {
     let first = streams
         .iter()
         .enumerate()
         .filter_map(|(i, (_, _, ahead))| ahead.as_ref().map(|reading| (reading.arrival, i)))
         .min();
     let Some((_, index)) = first else { return Ok(None) };
-    let (_, stream, ahead) = &mut streams[index];
+    let (name, stream, ahead) = &mut streams[index];
     let reading = ahead.take();
-    *ahead = stream.next().transpose()?;
+    let now = reading.as_ref().map_or(SimTime::ZERO, |reading| reading.arrival);
+    *ahead = next_reading(name, stream, now, observers)?;
     Ok(reading)
+}
+
+/// The next reading of a stream; what is passed over on the way is told as missing.
+fn next_reading(
+    sensor: &Name,
+    stream: &mut ReadingStream,
+    now: SimTime,
+    observers: &mut Observers<'_>,
+) -> Result<Option<Reading>, RunError> {
+    loop {
+        match stream.next().transpose()? {
+            Some(Recorded::Reading(reading)) => return Ok(Some(reading)),
+            Some(Recorded::Skipped(error)) => {
+                let why = format!("passed over: {error}");
+                observers.tell(&RunEvent::Missing { sensor, at: now, why: &why })?;
+            }
+            None => return Ok(None),
+        }
+    }
 }
 
 /// Ticks between recorded readings, so that a hole in the data is seen as time without an estimate.

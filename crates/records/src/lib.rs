@@ -10,6 +10,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+pub mod place;
 pub mod tum;
 
 /// What to do with a bad row.

@@ -39,7 +39,7 @@ pub use log::{
 pub use manifest::{FileEntry, Machine, Manifest, read_json, write_manifest};
 pub use metrics::{
     AxisError, DRIFT_SPAN_M, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis,
-    RELATIVE_SPAN_S, TrackMetrics,
+    RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
 };
 pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};

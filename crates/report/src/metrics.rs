@@ -50,6 +50,17 @@ pub struct Metrics {
     pub duration_s: f64,
     /// Figures per track.
     pub tracks: BTreeMap<String, TrackMetrics>,
+    /// What the sensors delivered.
+    pub sensors: BTreeMap<String, SensorMetrics>,
+}
+
+/// What one sensor delivered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SensorMetrics {
+    /// Readings that arrived.
+    pub readings: u64,
+    /// Readings that were due and did not arrive, or could not be read.
+    pub missing: u64,
 }
 
 /// The figures of one track.
@@ -318,6 +329,7 @@ pub struct MetricsObserver {
     path: Option<PathBuf>,
     header: Option<RunHeader>,
     tracks: BTreeMap<Name, Collector>,
+    sensors: BTreeMap<Name, SensorMetrics>,
     last: SimTime,
     result: Option<Metrics>,
 }
@@ -367,6 +379,12 @@ impl MetricsObserver {
                     track.update(update).map_err(failed(update.track))?;
                 }
             }
+            RunEvent::Reading { reading, .. } => {
+                self.sensors.entry(reading.sensor.clone()).or_default().readings += 1;
+            }
+            RunEvent::Missing { sensor, .. } => {
+                self.sensors.entry((*sensor).clone()).or_default().missing += 1;
+            }
             RunEvent::Refused { track: name, why, .. } => {
                 if let Some(track) = self.tracks.get_mut(*name) {
                     track.refusal(why).map_err(failed(name))?;
@@ -386,6 +404,7 @@ impl MetricsObserver {
             trial: header.trial,
             duration_s: header.duration_s.unwrap_or(self.last.seconds()),
             tracks: self.tracks.iter_mut().map(|(name, track)| (name.to_string(), track.metrics())).collect(),
+            sensors: self.sensors.iter().map(|(name, sensor)| (name.to_string(), *sensor)).collect(),
         };
         if let Some(path) = &self.path {
             write_json(path, &metrics)?;
@@ -398,6 +417,7 @@ impl MetricsObserver {
 impl RunObserver for MetricsObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
         self.tracks = header.tracks.iter().map(|track| (track.name.clone(), Collector::new())).collect();
+        self.sensors = header.sensors.iter().map(|s| (s.name.clone(), SensorMetrics::default())).collect();
         self.header = Some(header.clone());
         Ok(())
     }

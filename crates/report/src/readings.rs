@@ -2,13 +2,15 @@
 //!
 //! | rows of the reading | file |
 //! |---|---|
-//! | labelled channels | `<sensor>.csv`: `t_s,<labels>`, one row a reading |
-//! | events | `<sensor>.csv`: `t_s,<columns>`, one row an event |
-//! | bytes (images) | `<sensor>/frames.csv`: `t_s,file`, and the files beside it |
+//! | labelled channels | `<sensor>.csv`: `t_s,<place>,<labels>`, one row a reading |
+//! | events | `<sensor>.csv`: `t_s,<place>,<columns>`, one row an event |
+//! | bytes (images) | `<sensor>/frames.csv`: `t_s,<place>,file`, and the files beside it |
 //! | poses told by encoders | `<sensor>.<name>.tum` |
 //!
-//! A masked channel or event is an empty cell. Numbers are the shortest that read back to the same bits; times are exact to
-//! the nanosecond and stand for the middle of the reading's interval.
+//! `<place>` is `sequence,start_s,end_s,arrival_s`: the reading's count, its interval, and when it reached the estimators; so a
+//! replay hands on the same readings at the same times, late ones late. Rows are in order of arrival. A masked channel or event
+//! is an empty cell. Numbers are the shortest that read back to the same bits; times are exact to the nanosecond, and `t_s` is
+//! the middle of the interval. A reading without events leaves a row with empty cells.
 
 use crate::error::ReportError;
 use crate::file::{OutputFile, csv_cell, seconds_text};
@@ -32,7 +34,7 @@ impl ReadingsObserver {
     }
 
     fn write(&mut self, reading: &Reading) -> Result<(), ReportError> {
-        let time = seconds_text(reading.at().0);
+        let time = place(reading);
         self.write_poses(reading)?;
         if let Some(bytes) = image_of(&reading.payload) {
             return self.write_image(reading, bytes, &time);
@@ -67,7 +69,7 @@ impl ReadingsObserver {
         if !self.tables.contains_key(&reading.sensor) {
             std::fs::create_dir_all(&folder).map_err(ReportError::file("cannot create folder", &folder))?;
             let mut table = OutputFile::in_place(&folder.join("frames.csv"))?;
-            table.line("t_s,file")?;
+            table.line(&format!("{PLACE},file"))?;
             self.tables.insert(reading.sensor.clone(), table);
         }
         let ending = match bytes {
@@ -86,6 +88,15 @@ impl ReadingsObserver {
     }
 }
 
+/// Columns that place a reading in time.
+const PLACE: &str = "t_s,sequence,start_s,end_s,arrival_s";
+
+fn place(reading: &Reading) -> String {
+    let (start, end) = reading.interval;
+    let [at, start, end, arrival] = [reading.at(), start, end, reading.arrival].map(|t| seconds_text(t.0));
+    format!("{at},{},{start},{end},{arrival}", reading.sequence)
+}
+
 /// The bytes of a reading that is an image.
 fn image_of(frame: &Frame) -> Option<&[u8]> {
     frame.columns().iter().find_map(|column| match column {
@@ -96,7 +107,7 @@ fn image_of(frame: &Frame) -> Option<&[u8]> {
 
 /// The first line of a table.
 fn header(frame: &Frame) -> String {
-    let mut cells = vec!["t_s".to_owned()];
+    let mut cells = vec![PLACE.to_owned()];
     match &frame.schema().rows {
         Rows::Channels(labels) => cells.extend(labels.iter().map(|label| csv_cell(label))),
         Rows::Events => cells.extend(frame.schema().columns.iter().map(|column| csv_cell(&column.name))),
@@ -117,6 +128,7 @@ fn rows(frame: &Frame, time: &str) -> Vec<String> {
             }
             vec![row]
         }
+        Rows::Events if frame.rows() == 0 => vec![time.to_owned() + &",".repeat(frame.columns().len())],
         Rows::Events => (0..frame.rows())
             .map(|i| {
                 let mut row = time.to_owned();

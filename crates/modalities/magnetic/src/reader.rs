@@ -5,8 +5,10 @@
 //! reading, with the columns named in `[files.columns]`, and the sensor's pose in the row. In both an empty cell is a lost
 //! channel. Files of [`calibration`] are applied to every reading.
 //!
-//! Bad rows: `strict` stops at the first; `skip` goes on, and shows it twice: a skipped reading leaves a gap in the readings'
-//! sequence, as a lost one does, and [`open_counted`] hands out the count with the first message.
+//! The wide layout may place its readings in time by the columns of [`lumenav_records::place`].
+//!
+//! Bad rows: `strict` stops at the first; `skip` goes on and hands out what it passed over, row by row; a reading that is
+//! passed over leaves a gap in the readings' sequence, as a lost one does.
 
 pub mod calibration;
 pub mod long;
@@ -17,11 +19,12 @@ use crate::sensor::flux_schema;
 use calibration::Calibration;
 use lumenav_core::config::quantity::{Finite, Positive};
 use lumenav_core::{Frame, ModalityError, Name, Node, Reading, ReadingStream, Schema, Setup, SimTime};
+use lumenav_records::place::Place;
 use lumenav_records::{BadRows, Table};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// `[sensor.files]` of a replay.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -76,66 +79,22 @@ pub struct LongColumns {
     pub origin_mm: [Finite; 3],
 }
 
-/// What `bad_rows = "skip"` passed over so far.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Skipped {
-    /// Rows that could not be read.
-    pub rows: u64,
-    /// Readings that are missing for it.
-    pub readings: u64,
-    /// The first message, with file and line.
-    pub first: Option<String>,
-}
-
-/// Counts while a stream is read; clones share the count.
-#[derive(Clone, Debug, Default)]
-pub struct SkipCount(Arc<Mutex<Skipped>>);
-
-impl SkipCount {
-    /// What was passed over so far.
-    pub fn get(&self) -> Skipped {
-        // A poisoned lock means that another thread panicked while counting; the numbers are still whole.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    fn note(&self, error: &ModalityError, rows: u64, readings: u64) {
-        let mut skipped = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        skipped.rows += rows;
-        skipped.readings += readings;
-        skipped.first.get_or_insert_with(|| error.to_string());
-    }
-}
-
 /// Opens recorded data.
 ///
 /// # Errors
 /// [`ModalityError`] with file, line and column.
 pub fn open(installed: &Installed, node: &Node, setup: &Setup) -> Result<ReadingStream, ModalityError> {
-    open_counted(installed, node, setup).map(|(stream, _)| stream)
-}
-
-/// As [`open`], with the count of what `bad_rows = "skip"` passes over.
-///
-/// # Errors
-/// As [`open`].
-pub fn open_counted(
-    installed: &Installed,
-    node: &Node,
-    setup: &Setup,
-) -> Result<(ReadingStream, SkipCount), ModalityError> {
     let files: FilesTable = node.parse()?;
     let calibration = Calibration::open(installed, node, &files)?;
     let table = Table::open(&node.existing_path("flux_csv", &files.flux_csv)?)?;
-    let count = SkipCount::default();
     let output = Output {
         sensor: setup.sensor.clone(),
         schema: flux_schema(installed.array.labels()),
         bad_rows: files.bad_rows,
-        count: count.clone(),
         sequence: 0,
         last: None,
     };
-    let stream: ReadingStream = if let Some(columns) = &files.columns {
+    Ok(if let Some(columns) = &files.columns {
         if files.poses_csv.is_some() {
             let message = "the long layout has the poses in its own rows";
             return Err(node.error_at("poses_csv", message).into());
@@ -153,8 +112,7 @@ pub fn open_counted(
             None => None,
         };
         Box::new(wide::WideReader::new(table, &installed.array.labels(), poses, &files, calibration, output)?)
-    };
-    Ok((stream, count))
+    })
 }
 
 /// What both layouts do with a reading once its row or rows are read.
@@ -162,53 +120,44 @@ struct Output {
     sensor: Name,
     schema: Arc<Schema>,
     bad_rows: BadRows,
-    count: SkipCount,
     sequence: u64,
     last: Option<SimTime>,
 }
 
-/// Times beyond this overflow nanoseconds in 64 bits.
-const MAX_TIME_S: f64 = 9e9;
-
 impl Output {
-    /// The time of the next reading; it must be later than the last one's.
-    fn advance(&mut self, time_s: f64) -> Result<SimTime, String> {
-        if time_s.abs() > MAX_TIME_S {
-            return Err(format!("time {time_s:e} s is out of range"));
-        }
-        let at = SimTime::from_seconds(time_s);
-        if self.last.is_some_and(|last| at <= last) {
-            return Err(format!("time {time_s} s does not increase"));
+    /// Takes the next reading's place in; readings must come in order of arrival, and of two at one time only one.
+    fn advance(&mut self, place: &Place) -> Result<(), String> {
+        let late = place.arrival > place.interval.1;
+        let (at, last) = (place.arrival, self.last);
+        if last.is_some_and(|last| at < last || (at == last && !late)) {
+            return Err(format!("time {} s does not increase", at.seconds()));
         }
         self.last = Some(at);
-        Ok(at)
+        Ok(())
     }
 
     fn reading(
         &mut self,
-        at: SimTime,
+        place: &Place,
         known_poses: BTreeMap<String, Isometry3<f64>>,
         values: Vec<f64>,
     ) -> Result<Reading, ModalityError> {
-        let sequence = self.sequence;
-        self.sequence += 1;
+        let sequence = place.sequence.unwrap_or(self.sequence);
+        self.sequence = sequence.saturating_add(1);
         Ok(Reading {
             sensor: self.sensor.clone(),
             sequence,
-            interval: (at, at),
-            arrival: at,
+            interval: place.interval,
+            arrival: place.arrival,
             known_poses,
             payload: Frame::of_values(self.schema.clone(), values)?,
         })
     }
 
-    /// Whether a reading that could not be read is passed over; if so it is counted and leaves a gap in the sequence.
-    fn passes_over(&mut self, error: &ModalityError, bad_rows: u64) -> bool {
+    /// Whether a reading that could not be read may be passed over; if so it leaves a gap in the sequence.
+    fn passes_over(&mut self, error: &ModalityError) -> bool {
         let pass = self.may_skip(error);
-        if pass {
-            self.sequence += 1;
-            self.count.note(error, bad_rows, 1);
-        }
+        self.sequence = self.sequence.saturating_add(u64::from(pass));
         pass
     }
 

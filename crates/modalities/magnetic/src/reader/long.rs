@@ -4,7 +4,8 @@ use super::calibration::Calibration;
 use super::{FilesTable, LongColumns, Output};
 use crate::array::MAX_DISTANCE_M;
 use lumenav_core::pose::exp_so3;
-use lumenav_core::{ModalityError, Reading};
+use lumenav_core::{ModalityError, Reading, Recorded, SimTime};
+use lumenav_records::place::{MAX_TIME_S, Place};
 use lumenav_records::{Row, Table};
 use nalgebra::{Isometry3, Translation3, Vector3};
 
@@ -29,6 +30,8 @@ pub(super) struct LongReader {
     start_s: Option<f64>,
     /// First row of the next reading.
     ahead: Option<LongRow>,
+    /// The last row that could not be read.
+    bad_row: Option<ModalityError>,
     failed: bool,
 }
 
@@ -72,6 +75,7 @@ impl LongReader {
             output,
             start_s: files.time_zero_s.map(|v| v.0),
             ahead: None,
+            bad_row: None,
             failed: false,
         })
     }
@@ -84,7 +88,8 @@ impl LongReader {
         while let Some(row) = self.table.next_row() {
             match row.and_then(|row| long_row(&row, &self.indices, &self.origin_m, self.unit_tesla)) {
                 Ok(row) => return Ok(Some(row)),
-                Err(error) if self.output.may_skip(&error) => self.output.count.note(&error, 1, 0),
+                // The reading it belongs to lacks a row now and is passed over as a whole, with this as the reason.
+                Err(error) if self.output.may_skip(&error) => self.bad_row = Some(error),
                 Err(error) => return Err(error),
             }
         }
@@ -126,12 +131,17 @@ impl LongReader {
             Some(time) => time - *self.start_s.get_or_insert(time),
             None => self.output.sequence as f64 * period_s,
         };
-        let at = self.output.advance(time_s).map_err(refuse)?;
+        if time_s.abs() > MAX_TIME_S {
+            return Err(refuse(format!("time {time_s:e} s is out of range")));
+        }
+        let at = SimTime::from_seconds(time_s);
+        let place = Place { interval: (at, at), arrival: at, sequence: None };
+        self.output.advance(&place).map_err(refuse)?;
         let calibrated =
             |place: &(usize, usize)| self.calibration.apply(*place, rows[place.0].flux_tesla[place.1]);
         let values = self.calibration.channel_axes.iter().map(calibrated).collect();
         let known_poses = rows.iter().enumerate().map(|(i, row)| (format!("s{i}"), row.pose)).collect();
-        self.output.reading(at, known_poses, values)
+        self.output.reading(&place, known_poses, values)
     }
 }
 
@@ -166,24 +176,26 @@ fn long_row(
 }
 
 impl Iterator for LongReader {
-    type Item = Result<Reading, ModalityError>;
+    type Item = Result<Recorded, ModalityError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while !self.failed {
-            let reading = match self.next_rows() {
-                Ok(None) => return None,
-                Ok(Some(rows)) => self.reading_of(&rows),
-                Err(error) => Err(error),
-            };
-            match reading {
-                Ok(reading) => return Some(Ok(reading)),
-                Err(error) if self.output.passes_over(&error, 0) => {}
-                Err(error) => {
-                    self.failed = true;
-                    return Some(Err(error));
-                }
-            }
+        if self.failed {
+            return None;
         }
-        None
+        let reading = match self.next_rows() {
+            Ok(None) => return self.bad_row.take().map(|error| Ok(Recorded::Skipped(error))),
+            Ok(Some(rows)) => self.reading_of(&rows),
+            Err(error) => Err(error),
+        };
+        Some(match reading {
+            Ok(reading) => Ok(Recorded::Reading(reading)),
+            Err(error) if self.output.passes_over(&error) => {
+                Ok(Recorded::Skipped(self.bad_row.take().unwrap_or(error)))
+            }
+            Err(error) => {
+                self.failed = true;
+                Err(error)
+            }
+        })
     }
 }

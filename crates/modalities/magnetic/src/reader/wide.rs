@@ -4,7 +4,8 @@
 use super::calibration::Calibration;
 use super::{FilesTable, Output};
 use crate::array::MAX_DISTANCE_M;
-use lumenav_core::{ModalityError, Reading, SimTime};
+use lumenav_core::{ModalityError, Reading, Recorded, SimTime};
+use lumenav_records::place::PlaceColumns;
 use lumenav_records::{Row, Table};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
@@ -13,7 +14,7 @@ use std::path::Path;
 /// One row per reading.
 pub(super) struct WideReader {
     table: Table,
-    time: usize,
+    place: PlaceColumns,
     time_zero_s: f64,
     columns: Vec<usize>,
     poses: Option<PoseTable>,
@@ -32,7 +33,7 @@ impl WideReader {
         output: Output,
     ) -> Result<Self, ModalityError> {
         Ok(Self {
-            time: table.column("t_s")?,
+            place: PlaceColumns::of(&table, "t_s")?,
             time_zero_s: files.time_zero_s.map_or(0.0, |v| v.0),
             columns: labels.iter().map(|label| table.column(label)).collect::<Result<_, _>>()?,
             table,
@@ -46,37 +47,39 @@ impl WideReader {
     fn next_reading(&mut self) -> Option<Result<Reading, ModalityError>> {
         let row = self.table.next_row()?;
         Some(row.and_then(|row| {
-            let time_s = row.number(self.time)?;
+            let place = self.place.read(&row, self.time_zero_s)?;
             let mut values = Vec::with_capacity(self.columns.len());
             for (column, place) in self.columns.iter().zip(&self.calibration.channel_axes) {
                 let raw = row.optional(*column)?;
                 values.push(raw.map_or(f64::NAN, |raw| self.calibration.apply(*place, raw)));
             }
-            let at = self.output.advance(time_s - self.time_zero_s).map_err(|message| row.error(&message))?;
+            self.output.advance(&place).map_err(|message| row.error(&message))?;
             let known_poses = match &mut self.poses {
-                Some(poses) => poses.at(time_s, &row)?,
+                Some(poses) => {
+                    poses.at(SimTime::middle(place.interval).seconds() + self.time_zero_s, &row)?
+                }
                 None => BTreeMap::new(),
             };
-            self.output.reading(at, known_poses, values)
+            self.output.reading(&place, known_poses, values)
         }))
     }
 }
 
 impl Iterator for WideReader {
-    type Item = Result<Reading, ModalityError>;
+    type Item = Result<Recorded, ModalityError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while !self.failed {
-            match self.next_reading()? {
-                Ok(reading) => return Some(Ok(reading)),
-                Err(error) if self.output.passes_over(&error, 1) => {}
-                Err(error) => {
-                    self.failed = true;
-                    return Some(Err(error));
-                }
-            }
+        if self.failed {
+            return None;
         }
-        None
+        Some(match self.next_reading()? {
+            Ok(reading) => Ok(Recorded::Reading(reading)),
+            Err(error) if self.output.passes_over(&error) => Ok(Recorded::Skipped(error)),
+            Err(error) => {
+                self.failed = true;
+                Err(error)
+            }
+        })
     }
 }
 

@@ -1,10 +1,10 @@
 //! Recorded data: written by hand, read back; what is wrong is reported with its line.
 
 use super::support::*;
-use lumenav_core::{Modality as _, ModalityError, Node, Outcome, Reading, SimTime};
+use lumenav_core::{Modality as _, ModalityError, Node, Outcome, Reading, Recorded, SimTime};
 use lumenav_magnetic::Magnetic;
 use lumenav_magnetic::config::Installed;
-use lumenav_magnetic::reader::{SkipCount, open_counted};
+use lumenav_magnetic::reader::open;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use std::io::Write as _;
@@ -36,21 +36,39 @@ impl Folder {
         Installed::from_node(&self.node("array = \"two.toml\""), &setup([0.0; 3])).unwrap()
     }
 
-    fn read(&self, files: &str) -> Result<(Vec<Result<Reading, ModalityError>>, SkipCount), ModalityError> {
-        let (stream, count) = open_counted(&self.installed(), &self.node(files), &setup([0.0; 3]))?;
-        Ok((stream.collect(), count))
+    fn read(&self, files: &str) -> Result<Vec<Result<Recorded, ModalityError>>, ModalityError> {
+        Ok(open(&self.installed(), &self.node(files), &setup([0.0; 3]))?.collect())
     }
 
     fn readings(&self, files: &str) -> Vec<Reading> {
-        self.read(files).unwrap().0.into_iter().collect::<Result<_, _>>().unwrap()
+        self.read(files).unwrap().into_iter().map(|r| read_of(r.unwrap())).collect()
+    }
+
+    /// Sequence numbers of the readings, and what was passed over in words.
+    fn skipping(&self, files: &str) -> (Vec<u64>, Vec<String>) {
+        let (mut sequences, mut skipped) = (Vec::new(), Vec::new());
+        for item in self.read(files).unwrap() {
+            match item.unwrap() {
+                Recorded::Reading(reading) => sequences.push(reading.sequence),
+                Recorded::Skipped(error) => skipped.push(error.to_string()),
+            }
+        }
+        (sequences, skipped)
     }
 
     /// The first error, of opening or reading.
     fn error(&self, files: &str) -> String {
         match self.read(files) {
             Err(error) => error.to_string(),
-            Ok((all, _)) => all.into_iter().find_map(Result::err).expect("no error").to_string(),
+            Ok(all) => all.into_iter().find_map(Result::err).expect("no error").to_string(),
         }
+    }
+}
+
+fn read_of(recorded: Recorded) -> Reading {
+    match recorded {
+        Recorded::Reading(reading) => reading,
+        Recorded::Skipped(error) => panic!("passed over: {error}"),
     }
 }
 
@@ -137,16 +155,14 @@ fn law_bad_rows_stop_or_are_counted() {
         ("1e300,1e-6,2e-6,3e-6,4e-6", "flux.csv:5: time 1e300 s is out of range"),
     ] {
         folder.write("flux.csv", &format!("{WIDE}{row}\n0.4,1e-6,2e-6,3e-6,4e-6\n"));
-        let (all, _) = folder.read("flux_csv = \"flux.csv\"").unwrap();
+        let all = folder.read("flux_csv = \"flux.csv\"").unwrap();
         assert_eq!(all.len(), 4, "the stream ends with the error");
         let error = all[3].as_ref().unwrap_err().to_string();
         assert!(error.contains(wanted), "{error}, wanted: {wanted}");
-        let (all, count) = folder.read("flux_csv = \"flux.csv\"\nbad_rows = \"skip\"").unwrap();
-        let sequences: Vec<u64> = all.into_iter().map(|r| r.unwrap().sequence).collect();
+        let (sequences, skipped) = folder.skipping("flux_csv = \"flux.csv\"\nbad_rows = \"skip\"");
         assert_eq!(sequences, [0, 1, 2, 4], "a skipped reading leaves a gap");
-        let skipped = count.get();
-        assert_eq!((skipped.rows, skipped.readings), (1, 1));
-        assert!(skipped.first.unwrap().contains(wanted));
+        assert_eq!(skipped.len(), 1);
+        assert!(skipped[0].contains(wanted));
     }
     // The last row cut short.
     folder.write("flux.csv", WIDE.trim_end().trim_end_matches(",1.2e-5"));
@@ -219,34 +235,27 @@ fn closed_form_long_file_is_what_was_written() {
 #[test]
 fn law_bad_rows_of_the_long_layout_stop_or_are_counted() {
     let folder = Folder::new();
-    for (from, to, wanted, skipped) in [
-        ("b,7,,9,0,0,0", "b,7,,9,x,0,0", "long.csv:4: column `x` holds `x`", (1, 1)),
-        ("b,7,,9,0,0,0,0,0,0,10.5\n", "", "long.csv:4: reading `b` has 1 rows", (0, 1)),
-        ("b,7,,9,0,0,0,0,0,0,10.5\n", "b,7\n", "long.csv:4: 2 cells", (1, 1)),
-        (
-            "b,1,2,3,",
-            "b,1,2,3,0,0,0,0,0,0,10.5\nb,1,2,3,",
-            "long.csv:4: reading `b` has too many rows",
-            (0, 1),
-        ),
-        ("10.5\n", "9.0\n", "long.csv:4: time -1 s does not increase", (0, 1)),
+    for (from, to, wanted) in [
+        ("b,7,,9,0,0,0", "b,7,,9,x,0,0", "long.csv:4: column `x` holds `x`"),
+        ("b,7,,9,0,0,0,0,0,0,10.5\n", "", "long.csv:4: reading `b` has 1 rows"),
+        ("b,7,,9,0,0,0,0,0,0,10.5\n", "b,7\n", "long.csv:4: 2 cells"),
+        ("b,1,2,3,", "b,1,2,3,0,0,0,0,0,0,10.5\nb,1,2,3,", "long.csv:4: reading `b` has too many rows"),
+        ("10.5\n", "9.0\n", "long.csv:4: time -1 s does not increase"),
         (
             "b,7,,9,0,0,0,0,0,0",
             "b,7,,9,0,0,0,0,0,90",
             "long.csv:4: a rotation vector of more than a full turn",
-            (1, 1),
         ),
-        ("b,7,,9,0,", "b,7,,9,1e9,", "long.csv:4: a position beyond 100 m", (1, 1)),
+        ("b,7,,9,0,", "b,7,,9,1e9,", "long.csv:4: a position beyond 100 m"),
     ] {
         folder.write("long.csv", &LONG.replacen(from, to, 1));
         let error = folder.error(LONG_FILES);
         assert!(error.contains(wanted), "{error}, wanted: {wanted}");
         let skip = LONG_FILES.replace("[columns]", "bad_rows = \"skip\"\n[columns]");
-        let (all, count) = folder.read(&skip).unwrap();
-        let sequences: Vec<u64> = all.into_iter().map(|r| r.unwrap().sequence).collect();
+        let (sequences, skipped) = folder.skipping(&skip);
         assert_eq!(sequences, [0, 2], "{wanted}");
-        assert_eq!((count.get().rows, count.get().readings), skipped, "{wanted}");
-        assert!(count.get().first.unwrap().contains(".csv:4: "));
+        assert_eq!(skipped.len(), 1, "{wanted}");
+        assert!(skipped[0].contains(".csv:4: "), "{skipped:?}");
     }
     let untimed = LONG_FILES.replace("time_s = \"t\"\n", "");
     assert!(folder.error(&untimed).contains("give `time_s` or `period_s`"));
@@ -355,8 +364,8 @@ fn law_recorded_series_are_read_whole() {
     assert!(Path::new(&data).is_dir() && sensors.len() == 3);
     for sensor in sensors {
         let installed = Installed::from_node(&sensor.child_or_empty("installed"), &setup).unwrap();
-        let (stream, _) = open_counted(&installed, &sensor.child_or_empty("files"), &setup).unwrap();
-        assert_eq!(stream.map(|r| r.unwrap().payload.rows()).collect::<Vec<_>>(), vec![48; 63]);
+        let stream = open(&installed, &sensor.child_or_empty("files"), &setup).unwrap();
+        assert_eq!(stream.map(|r| read_of(r.unwrap()).payload.rows()).collect::<Vec<_>>(), vec![48; 63]);
     }
 }
 
@@ -392,7 +401,7 @@ fn published_recorded_series_are_solved_cold_to_a_tenth_of_a_millimetre() {
             let mut front_end = Magnetic.estimator(&installed, &options, &setup).unwrap().front_end.unwrap();
             let truth = references(&Path::new(&data).join(format!("magnet/data{}.csv", i + 1)));
             for (reading, truth) in Magnetic.reader(&installed, &files, &setup).unwrap().zip(truth) {
-                let measured = match front_end.process(&reading.unwrap(), None).unwrap() {
+                let measured = match front_end.process(&read_of(reading.unwrap()), None).unwrap() {
                     Outcome::Measured(all) => {
                         all[0].fix.as_ref().unwrap().world_from_capsule.translation.vector
                     }
@@ -406,4 +415,37 @@ fn published_recorded_series_are_solved_cold_to_a_tenth_of_a_millimetre() {
         assert_eq!(errors_mm.len(), 189);
         assert!(mean < limit_mm, "{law}: {mean} mm");
     }
+}
+
+#[test]
+fn closed_form_rows_may_place_their_readings_in_time() {
+    let folder = Folder::new();
+    let header = "t_s,sequence,start_s,end_s,arrival_s,s0x_T,s0y_T,s0z_T,s1z_T\n";
+    let flux = "1e-6,2e-6,3e-6,4e-6";
+    folder.write(
+        "flux.csv",
+        &format!(
+            "{header}0.2,4,0.15,0.25,0.25,{flux}\n0.1,2,0.05,0.15,0.4,{flux}\n0.3,5,0.25,0.35,0.4,{flux}\n"
+        ),
+    );
+    let readings = folder.readings("flux_csv = \"flux.csv\"");
+    let ms = |t: SimTime| t.0 / 1_000_000;
+    let seen: Vec<_> =
+        readings.iter().map(|r| (r.sequence, ms(r.interval.0), ms(r.interval.1), ms(r.arrival))).collect();
+    assert_eq!(
+        seen,
+        [(4, 150, 250, 250), (2, 50, 150, 400), (5, 250, 350, 400)],
+        "a late reading is about the past"
+    );
+    for (row, wanted) in [
+        ("0.5,6,0.6,0.4,0.6", "flux.csv:2: the interval ends before it starts"),
+        ("0.5,6,0.4,0.6,0.5", "flux.csv:2: the reading arrives before its interval has ended"),
+        ("0.5,-1,0.4,0.6,0.6", "flux.csv:2: `-1` is no count"),
+    ] {
+        folder.write("flux.csv", &format!("{header}{row},{flux}\n"));
+        let error = folder.error("flux_csv = \"flux.csv\"");
+        assert!(error.contains(wanted), "{error}, wanted: {wanted}");
+    }
+    folder.write("flux.csv", &format!("t_s,start_s,s0x_T,s0y_T,s0z_T,s1z_T\n0,0,{flux}\n"));
+    assert!(folder.error("flux_csv = \"flux.csv\"").contains("no column `end_s`"));
 }
