@@ -297,11 +297,12 @@ fn check(folder: &Folder, files: &str) -> Result<(), TestCaseError> {
     };
     match folder.read(files) {
         Err(error) => prop_assert!(has_place(&error), "{error}"),
-        Ok((all, _)) => {
+        Ok(all) => {
             for reading in all {
                 match reading {
                     Err(error) => prop_assert!(has_place(&error), "{error}"),
-                    Ok(reading) => {
+                    Ok(Recorded::Skipped(error)) => prop_assert!(has_place(&error), "{error}"),
+                    Ok(Recorded::Reading(reading)) => {
                         let values = flux(&reading).iter().zip(reading.payload.valid());
                         prop_assert!(values.into_iter().all(|(z, valid)| !valid || z.is_finite()));
                         let finite =
