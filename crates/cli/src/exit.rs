@@ -24,14 +24,18 @@ pub fn was_stopped(error: &anyhow::Error) -> bool {
 
 /// 3 for something wrong in a user's file, 130 for a run stopped on request, else 1. (2 is clap's, for the command line.)
 pub fn code_of(error: &anyhow::Error) -> ExitCode {
+    let of_scenario =
+        |error: &ScenarioError| matches!(error, ScenarioError::Config(_) | ScenarioError::Records(_));
     let is_input = error.chain().any(|cause| {
         cause.is::<WrongFiles>()
             || cause.is::<lumenav::core::ConfigError>()
-            || matches!(
-                cause.downcast_ref::<ScenarioError>(),
-                Some(ScenarioError::Config(_) | ScenarioError::Records(_))
-            )
-            || matches!(cause.downcast_ref::<RunError>(), Some(RunError::Config(_) | RunError::Modality(_)))
+            || cause.downcast_ref::<ScenarioError>().is_some_and(of_scenario)
+            || match cause.downcast_ref::<RunError>() {
+                Some(RunError::Config(_) | RunError::Modality(_)) => true,
+                // Transparent: the chain goes past the inner error to its source.
+                Some(RunError::Scenario(inner)) => of_scenario(inner),
+                _ => false,
+            }
     });
     ExitCode::from(match (was_stopped(error), is_input) {
         (true, _) => 130,

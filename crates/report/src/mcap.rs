@@ -71,7 +71,11 @@ pub fn write_mcap(
     channels: &[(String, Vec<StampedPose>)],
 ) -> Result<(), ReportError> {
     let mut file = OutputFile::beside(path)?;
-    let bad = |error: mcap::McapError| ReportError::table::<mcap::McapError>(path)(error);
+    let bad = |error: mcap::McapError| {
+        // Its own text of a failed write does not say why it failed.
+        let cause = std::error::Error::source(&error).map_or(String::new(), |cause| format!(": {cause}"));
+        ReportError::Table { path: path.to_owned(), what: format!("{error}{cause}") }
+    };
     // The file is written from front to end; a writer that seeks back would need more than a buffered file.
     let options = WriteOptions::new()
         .compression(None)

@@ -18,13 +18,20 @@ pub struct Burst {
     pub to_s: f64,
     pub count: u64,
     /// Reasons with their counts.
-    pub reasons: BTreeMap<String, u64>,
+    pub reasons: BTreeMap<String, Reason>,
     /// What the gate saw at its worst.
     pub worst_innovation: Option<Innovation>,
     /// How often a channel was among those that fit worst.
     pub channels: BTreeMap<String, u64>,
     /// The weakest instant meanwhile.
     pub weakest: Option<Weakness>,
+}
+
+/// How often something was a reason, and how large the figure in it became.
+#[derive(Clone, Copy, Default, Serialize)]
+pub struct Reason {
+    pub count: u64,
+    pub largest: Option<f64>,
 }
 
 /// A refused innovation.
@@ -77,8 +84,11 @@ impl Burst {
         };
         self.to_s = self.to_s.max(seconds(event.t_ns));
         self.count += 1;
-        let text = text.as_ref().map_or(String::new(), |text| format!(" ({})", words::stem(text)));
-        *self.reasons.entry(format!("of `{sensor}` {}{text}", words::refusal(reason))).or_default() += 1;
+        let (text, number) = text.as_ref().map_or(("", None), |text| words::stem_and_number(text));
+        let text = if text.is_empty() { String::new() } else { format!(": {text}") };
+        let of = self.reasons.entry(format!("of `{sensor}` {}{text}", words::refusal(reason))).or_default();
+        of.count += 1;
+        of.largest = of.largest.into_iter().chain(number).reduce(f64::max);
         if let (Some(chi_square), Some(degrees_of_freedom), Some(threshold)) = (*chi_square, *dof, *threshold)
             && self.worst_innovation.is_none_or(|old| chi_square > old.chi_square)
         {
@@ -92,7 +102,11 @@ impl Burst {
 
     /// Lines with the time they are sorted by.
     pub fn lines(&self) -> Vec<(f64, String)> {
-        let reasons: Vec<String> = self.reasons.iter().map(|(why, n)| format!("{n} {why}")).collect();
+        let reason = |(why, reason): (&String, &Reason)| {
+            let largest = reason.largest.map_or(String::new(), |largest| format!(" up to {largest:.0}"));
+            format!("{} {why}{largest}", reason.count)
+        };
+        let reasons: Vec<String> = self.reasons.iter().map(reason).collect();
         let when = if self.to_s > self.from_s {
             format!("refused until {:.2} s", self.to_s)
         } else {
@@ -107,8 +121,8 @@ impl Burst {
         if let Some(worst) = self.worst_innovation {
             let Innovation { chi_square, degrees_of_freedom, threshold } = worst;
             lines.push(format!(
-                "            chi-square of the innovation up to {chi_square:.0} where the gate lets {threshold:.0} pass \
-                 ({degrees_of_freedom:.0} degrees of freedom)"
+                "            the gate saw a chi-square of up to {chi_square:.0}; it lets {threshold:.0} pass ({degrees_of_freedom:.0} \
+                 degrees of freedom)"
             ));
         }
         let mut channels: Vec<(&String, &u64)> = self.channels.iter().collect();

@@ -106,17 +106,23 @@ fn reasons(
         }
         match &event.what {
             Logged::Missing { sensor, text } if sensors.contains(sensor) => {
-                *why.entry(format!("of `{sensor}` missing ({text})")).or_default() += 1;
+                *why.entry(missing(sensor, text)).or_default() += 1;
             }
-            Logged::Refused { track: of, sensor, reason, text, .. } if of == track => {
-                let text = text.as_ref().map_or(String::new(), |t| format!(" ({})", words::stem(t)));
+            // Their burst says more of them.
+            Logged::Refused { track: of, sensor, reason, .. } if of == track => {
                 let said = words::refusal(reason);
-                *why.entry(format!("of `{sensor}` refused {said}{text}")).or_default() += 1;
+                *why.entry(format!("of `{sensor}` refused {said}")).or_default() += 1;
             }
             _ => {}
         }
     }
     why
+}
+
+/// A missing reading in words; a fault's text names the sensor itself.
+fn missing(sensor: &str, text: &str) -> String {
+    let text = text.strip_prefix(&format!("sensor `{sensor}`: ")).unwrap_or(text);
+    format!("of `{sensor}` missing ({text})")
 }
 
 impl Gap {

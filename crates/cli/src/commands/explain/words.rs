@@ -74,9 +74,14 @@ pub fn refusal(reason: &str) -> &str {
     }
 }
 
-/// A reason without its trailing number, so that equal reasons count together.
-pub fn stem(text: &str) -> &str {
-    text.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.' || c == ' ')
+/// A reason and the number it ends in, so that equal reasons count together.
+pub fn stem_and_number(text: &str) -> (&str, Option<f64>) {
+    let stem = text.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.');
+    match text[stem.len()..].parse() {
+        // `s14` is a name, not a figure.
+        Ok(number) if stem.ends_with(' ') => (stem.trim_end(), Some(number)),
+        _ => (text, None),
+    }
 }
 
 /// `1 reading`, `2 readings`.
@@ -87,6 +92,14 @@ pub fn count(n: u64, one: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn closed_form_the_number_at_the_end_of_a_reason() {
+        assert_eq!(stem_and_number("chi-square per dof 12.5"), ("chi-square per dof", Some(12.5)));
+        assert_eq!(stem_and_number("no source near sensor s1"), ("no source near sensor s1", None));
+        assert_eq!(stem_and_number("all channels lost."), ("all channels lost.", None));
+        assert_eq!(stem_and_number(""), ("", None));
+    }
 
     #[test]
     fn closed_form_directions_in_words() {

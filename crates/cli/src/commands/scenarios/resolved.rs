@@ -103,7 +103,8 @@ impl ResolvedTable {
             // Writing to a string cannot fail, here and below.
             writeln!(text, "# source: {source}").ok();
         }
-        for key in &self.keys {
+        // The table's own source stands at its head already.
+        for key in self.keys.iter().filter(|key| key.key != "source") {
             write!(text, "{} = {}  # {}", key.key, key.value, key.origin).ok();
             if let Some(unit) = key.unit {
                 write!(text, ", {unit}").ok();
