@@ -32,7 +32,7 @@ pub fn export(options: &ExportOptions, verbosity: Verbosity) -> anyhow::Result<(
         .with_context(|| format!("cannot create {}", options.out.display()))?;
     match options.format {
         ExportFormat::Parquet => {
-            copy(&options.run.join("tracks.parquet"), &in_out(options, "tracks", "parquet"))?
+            copy(&options.run.join("tracks.parquet"), &in_out(options, "tracks", "parquet"))?;
         }
         ExportFormat::Mcap => mcap(&content, options)?,
         ExportFormat::Csv => {

@@ -79,14 +79,12 @@ fn show(model: &str, root: &Path, json: bool) -> anyhow::Result<()> {
 /// Reads a model as the program would and says what it is.
 fn summary(node: &Node, model: &str) -> Result<String, ConfigError> {
     let kind = model.split('/').next().unwrap_or_default();
-    match KINDS.iter().find(|(known, _)| *known == kind) {
-        Some((_, reader)) => reader(node),
-        None => {
-            let known: Vec<&str> = KINDS.iter().map(|(known, _)| *known).collect();
-            Err(node
-                .error(&format!("unknown kind of model `{kind}`; this program reads: {}", known.join(", "))))
-        }
+    if let Some((_, reader)) = KINDS.iter().find(|(known, _)| *known == kind) {
+        return reader(node);
     }
+    let known: Vec<&str> = KINDS.iter().map(|(known, _)| *known).collect();
+    let known = known.join(", ");
+    Err(node.error(&format!("unknown kind of model `{kind}`; this program reads: {known}")))
 }
 
 fn sensor_array(node: &Node) -> Result<String, ConfigError> {

@@ -68,16 +68,14 @@ fn original(from: &str) -> anyhow::Result<(String, String)> {
         let node = Node::open(path)?;
         return Ok((shown, node.text().to_owned()));
     }
-    match SHIPPED.iter().find(|(name, _)| *name == from) {
-        Some((name, text)) => Ok((format!("the shipped scenario `{name}`"), (*text).to_owned())),
-        None => {
-            let names: Vec<&str> = SHIPPED.iter().map(|(name, _)| *name).collect();
-            bail!(
-                "no scenario `{from}`: no such file, none in a folder `scenarios` here or above; shipped are: {}",
-                names.join(", ")
-            )
-        }
+    if let Some((name, text)) = SHIPPED.iter().find(|(name, _)| *name == from) {
+        return Ok((format!("the shipped scenario `{name}`"), (*text).to_owned()));
     }
+    let names: Vec<&str> = SHIPPED.iter().map(|(name, _)| *name).collect();
+    bail!(
+        "no scenario `{from}`: no such file, none in a folder `scenarios` here or above; shipped are: {}",
+        names.join(", ")
+    )
 }
 
 /// The text with another `scenario.name`, whatever its spelling; `None` where it has none.

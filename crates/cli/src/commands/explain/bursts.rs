@@ -52,22 +52,21 @@ pub fn bursts(track: &str, rows: &[&TrackRow], events: &[LoggedEvent]) -> Vec<Bu
     let mut all: Vec<Burst> = Vec::new();
     for event in refusals {
         let t = seconds(event.t_ns);
-        match all.last_mut().filter(|last| t - last.to_s <= BURST_PAUSE_S) {
-            Some(burst) => burst.add(event),
-            None => {
-                let mut burst = Burst {
-                    from_s: t,
-                    to_s: t,
-                    count: 0,
-                    reasons: BTreeMap::new(),
-                    worst_innovation: None,
-                    channels: BTreeMap::new(),
-                    weakest: None,
-                };
-                burst.add(event);
-                all.push(burst);
-            }
+        if let Some(burst) = all.last_mut().filter(|last| t - last.to_s <= BURST_PAUSE_S) {
+            burst.add(event);
+            continue;
         }
+        let mut burst = Burst {
+            from_s: t,
+            to_s: t,
+            count: 0,
+            reasons: BTreeMap::new(),
+            worst_innovation: None,
+            channels: BTreeMap::new(),
+            weakest: None,
+        };
+        burst.add(event);
+        all.push(burst);
     }
     for burst in &mut all {
         // The update just before or after counts where none came meanwhile.
