@@ -28,6 +28,8 @@ bench:
 # Makes the expected values of other programs anew (Python 3.11; each script names its pinned packages).
 cross:
     for script in tests/cross/*_reference.py tests/cross/*_filterpy.py tests/cross/*_gtsam.py; do python3 "$script"; done
+    cargo build --release
+    python3 tests/cross/read_results.py
 
 # The recordings that the repository ships.
 recordings:

@@ -1,7 +1,40 @@
 //! What a user does, with the program of the tests' profile.
 
 use crate::support::{Run, data_or_skip, lumenav, root, scratch};
-use lumenav::report::{Metrics, read_json};
+use lumenav::report::{Manifest, Metrics, read_json};
+use std::path::Path;
+use std::process::{Output, Stdio};
+
+/// Starts the program with these arguments; it must succeed. What it said on stdout.
+fn said<A: AsRef<std::ffi::OsStr>>(arguments: &[A]) -> String {
+    let output = lumenav().args(arguments).output().expect("the program starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// Starts the program with these arguments; it must fail with this code. What it said on stderr.
+fn complained<A: AsRef<std::ffi::OsStr>>(arguments: &[A], code: i32) -> String {
+    let Output { status, stderr, .. } = lumenav().args(arguments).output().expect("the program starts");
+    let text = String::from_utf8_lossy(&stderr).into_owned();
+    assert_eq!(status.code(), Some(code), "{text}");
+    text
+}
+
+fn path(path: &Path) -> &str {
+    path.to_str().expect("scratch folders are UTF-8")
+}
+
+/// A run of `smoke/faults` with overrides, and what `explain` says of it.
+fn explained(set: &[&str], more: &[&str]) -> String {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    let mut run = Run::new(&root().join("scenarios/smoke/faults.toml")).out(&out).arg("--record").arg("none");
+    for set in set {
+        run = run.arg("--set").arg(set);
+    }
+    run.ok();
+    said(&[&["explain", path(&out)], more].concat())
+}
 
 #[test]
 fn law_run_writes_what_the_readme_promises() {
@@ -85,6 +118,204 @@ fn law_explain_says_what_happened_when_and_which_direction_was_weak() {
 }
 
 #[test]
+fn law_explain_sees_a_track_that_never_comes_back() {
+    let text = explained(&["fault.0.end_s=100", "scenario.duration_s=30"], &[]);
+    assert!(
+        text.contains("no update for 10.1 s, until the end: 100 readings of `plane` missing (dropout"),
+        "{text}"
+    );
+    assert!(text.contains("weakest before: front-back (y)"), "{text}");
+}
+
+#[test]
+fn law_explain_sees_a_track_that_starts_late_or_never() {
+    let late = explained(&["fault.0.start_s=0", "fault.0.end_s=10", "scenario.duration_s=15"], &[]);
+    assert!(late.contains("no update for 10.0 s, from the start until 10.00 s: 100 readings"), "{late}");
+    let never = explained(&["fault.0.start_s=0", "fault.0.end_s=100", "scenario.duration_s=15"], &[]);
+    assert!(
+        never.contains("no update at all in 15.0 s: 150 readings of `plane` missing (dropout"),
+        "{never}"
+    );
+    assert!(never.contains("0 updates") && !never.contains("nothing unusual"), "{never}");
+}
+
+#[test]
+fn law_explain_blames_only_sensors_that_the_track_uses() {
+    let folder = scratch();
+    let file = folder.path().join("two.toml");
+    let text = std::fs::read_to_string(root().join("scenarios/smoke/faults.toml")).expect("shipped");
+    let second = "[[sensor]]\nname = \"other\"\nmodality = \"magnetic\"\n[sensor.schedule]\nrate_hz = \
+                  10.0\n[sensor.installed]\narray = \"plane-4x4\"\n[[fault]]\nkind = \"dropout\"\nsensor = \
+                  \"other\"\nstart_s = 0.0\nend_s = 80.0\n";
+    std::fs::write(&file, format!("{text}\n{second}")).expect("a scratch file");
+    let out = folder.path().join("run");
+    let models = root().join("models");
+    let run = Run::new(&file).out(&out).arg("--models").arg(&models).arg("--record").arg("none");
+    run.arg("--set").arg("scenario.duration_s=55").ok();
+    let text = said(&["explain", path(&out)]);
+    let gap =
+        text.lines().find(|l| l.contains("no update for")).unwrap_or_else(|| panic!("no gap in:\n{text}"));
+    assert!(gap.contains("300 readings of `plane` missing") && !gap.contains("other"), "{gap}");
+}
+
+#[test]
+fn law_explain_at_an_instant_names_what_happened_when_and_the_weak_direction() {
+    let text = explained(&[], &["--at", "62s"]);
+    assert!(text.contains("60.00 s  reality: sensor `plane`: disturbance from 60 to 65 s"), "{text}");
+    let burst = text.lines().find(|l| l.contains("refused until 64.90 s")).expect("the burst");
+    assert!(burst.trim_start().starts_with("60.00 s") && burst.contains("50 readings"), "{burst}");
+    assert!(burst.contains("by the gate") && burst.contains("do not fit a magnet"), "{burst}");
+    assert!(text.contains("weakest meanwhile: front-back (y)"), "{text}");
+    assert!(!text.contains("dropout"), "the dropout ended 12 s before:\n{text}");
+    // During the dropout the fault is named although it began earlier.
+    let text = explained(&["scenario.duration_s=55"], &["--at", "40s", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(json["world"][0]["source"], "fault");
+    let gap = &json["tracks"]["magnetic-eskf"]["gaps"][0];
+    assert_eq!((gap["place"].as_str(), gap["from_s"].as_f64()), (Some("between"), Some(19.9)));
+    assert!(json["tracks"]["magnetic-eskf"]["weakest"].is_null(), "no estimate near 40 s");
+}
+
+#[test]
+fn law_explain_says_when_nothing_is_unusual_and_refuses_what_is_outside() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).arg("--record").arg("none").ok();
+    let text = said(&["explain", path(&out), "--track", "magnetic-eskf"]);
+    assert!(text.contains("nothing unusual: no gap, no refusal"), "{text}");
+    let message = complained(&["explain", path(&out), "--at", "99s"], 1);
+    assert!(message.contains("99 s is outside the run, which goes from 0.0 to 2.0 s"), "{message}");
+    assert!(complained(&["explain", path(&out), "--track", "pet"], 1).contains("magnetic-eskf"));
+}
+
+#[test]
+fn law_force_deletes_nothing_that_is_not_ours() {
+    let folder = scratch();
+    let out = folder.path().join("thesis");
+    std::fs::create_dir(&out).expect("a scratch folder");
+    std::fs::write(out.join("chapter.tex"), "x").expect("a scratch file");
+    let scenario = root().join("scenarios/smoke/helix.toml");
+    for trials in ["1", "2"] {
+        let run = Run::new(&scenario).out(&out).arg("--force").arg("--trials").arg(trials);
+        let message = run.fails(1);
+        assert!(message.contains("thesis is not replaced") && message.contains("manifest.json"), "{message}");
+    }
+    assert_eq!(std::fs::read(out.join("chapter.tex")).expect("still there"), b"x");
+    // A run's own folder may be replaced by trials, and the other way round.
+    let own = folder.path().join("own");
+    let run = || Run::new(&scenario).out(&own).arg("--force").arg("--record").arg("none");
+    run().ok();
+    run().arg("--trials").arg("2").ok();
+    assert!(!own.join("metrics.json").exists() && own.join("trials/001/metrics.json").is_file());
+    run().ok();
+    assert!(own.join("metrics.json").is_file() && !own.join("trials").exists());
+}
+
+#[test]
+fn law_forced_trials_leave_none_of_a_longer_earlier_run() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    let scenario = root().join("scenarios/smoke/helix.toml");
+    let run = |trials: &str| Run::new(&scenario).out(&out).arg("--trials").arg(trials);
+    run("3").ok();
+    assert!(run("2").fails(1).contains("more trials than are asked for"));
+    assert!(run("3").arg("--seed").arg("9").fails(1).contains("holds other trials"));
+    run("2").arg("--force").arg("--seed").arg("9").ok();
+    let mut left: Vec<String> = std::fs::read_dir(out.join("trials"))
+        .expect("trials")
+        .map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned())
+        .collect();
+    left.sort();
+    assert_eq!(left, ["000", "001"]);
+}
+
+#[test]
+fn law_stopped_trials_go_on_where_they_stopped() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    let scenario = root().join("scenarios/smoke/helix.toml");
+    let run = || Run::new(&scenario).out(&out).arg("--trials").arg("3");
+    run().ok();
+    let whole = std::fs::read(out.join("trials.json")).expect("written");
+    // As if it had been stopped after trials 0 and 2, and killed in trial 1.
+    std::fs::remove_file(out.join("trials.json")).expect("written");
+    std::fs::remove_dir_all(out.join("trials/001")).expect("written");
+    std::fs::create_dir(out.join("trials/.001.partial-1-0")).expect("a scratch folder");
+    let timing =
+        |trial: &str| std::fs::read(out.join("trials").join(trial).join("timing.json")).expect("written");
+    let before = timing("000");
+    run().ok();
+    assert!(timing("000") == before, "a finished trial was computed again");
+    assert!(std::fs::read(out.join("trials.json")).expect("written") == whole, "other figures");
+    assert!(!out.join("trials/.001.partial-1-0").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn law_ctrl_c_keeps_finished_trials_and_says_how_to_go_on() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    let mut child = lumenav()
+        .args(["run", "scenarios/smoke/helix.toml", "--trials", "20000", "--threads", "2", "--out"])
+        .arg(&out)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let begin = std::time::Instant::now();
+    while !out.join("trials/000/manifest.json").exists() && begin.elapsed().as_secs() < 60 {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let pid = child.id().to_string();
+    let sent = std::process::Command::new("kill").args(["-INT", &pid]).status().expect("kill exists");
+    assert!(sent.success());
+    let status = child.wait().expect("it ends");
+    let mut text = String::new();
+    std::io::Read::read_to_string(&mut child.stderr.take().expect("piped"), &mut text).expect("text");
+    assert_eq!(status.code(), Some(130), "{text}");
+    assert!(
+        text.contains("of 20000 trials are finished and kept") && text.contains("goes on from there"),
+        "{text}"
+    );
+    assert!(out.join("trials/000/metrics.json").is_file() && !out.join("trials.json").exists());
+}
+
+#[test]
+fn law_the_very_same_run_is_not_computed_again() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    let scenario = folder.path().join("s.toml");
+    let text = std::fs::read_to_string(root().join("scenarios/smoke/helix.toml")).expect("shipped");
+    std::fs::write(&scenario, &text).expect("a scratch file");
+    let run = || Run::new(&scenario).out(&out).arg("--models").arg(root().join("models"));
+    let first = run().arg("--record").arg("none").ok();
+    let timing = std::fs::read(out.join("timing.json")).expect("written");
+    let again = run().arg("--record").arg("none").output();
+    assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("this very run already"));
+    assert_eq!(String::from_utf8_lossy(&again.stdout), first);
+    assert!(std::fs::read(out.join("timing.json")).expect("written") == timing, "it was computed again");
+    // Another seed, another input and other outputs are other runs, and each is told.
+    let refused = |run: Run, word: &str| {
+        let message = run.fails(1);
+        assert!(
+            message.contains("exists already") && message.contains(word),
+            "expected `{word}` in: {message}"
+        );
+    };
+    refused(run().arg("--record").arg("none").arg("--seed").arg("5"), "another seed (1)");
+    refused(run(), "other outputs");
+    std::fs::write(&scenario, format!("{text}\n# a comment\n")).expect("a scratch file");
+    refused(run().arg("--record").arg("none"), "another content of");
+    let manifest: Manifest = read_json(&out.join("manifest.json")).expect("the contract");
+    let inputs: Vec<&String> = manifest.provenance.inputs.keys().collect();
+    for name in ["s.toml", "capsules/pillcam-magnet.toml", "sensor-arrays/plane-4x4-below.toml"] {
+        assert!(inputs.iter().any(|path| path.ends_with(name)), "{name} is not among {inputs:?}");
+    }
+    assert_eq!(manifest.random_streams_version, 1);
+}
+
+#[test]
 fn law_saved_readings_replay_to_the_same_tracks() {
     let folder = scratch();
     let out = folder.path().join("run");
@@ -108,7 +339,7 @@ fn law_saved_readings_replay_to_the_same_tracks() {
         .output()
         .expect("the program starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let track = |at: &std::path::Path| std::fs::read(at.join("magnetic.tum")).expect("a track");
+    let track = |at: &Path| std::fs::read(at.join("magnetic.tum")).expect("a track");
     assert!(track(&out) == track(&again), "a replay of saved readings gives another track");
 }
 
@@ -139,6 +370,7 @@ fn law_export_writes_every_format() {
         ("csv", "magnetic.csv"),
         ("kitti", "magnetic.kitti"),
         ("parquet", "tracks.parquet"),
+        ("mcap", "run.mcap"),
     ] {
         let to = folder.path().join(format);
         let output = lumenav()
@@ -149,8 +381,173 @@ fn law_export_writes_every_format() {
             .output()
             .expect("the program starts");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        assert!(to.join(file).is_file(), "{format}");
+        let bytes = std::fs::read(to.join(file)).unwrap_or_else(|e| panic!("{format}: {e}"));
+        // MCAP opens and ends with its magic; the crate that writes it reads it back in its own test.
+        let magic = b"\x89MCAP0\r\n";
+        assert_eq!(format == "mcap", bytes.starts_with(magic) && bytes.ends_with(magic), "{format}");
     }
+}
+
+#[test]
+fn law_an_export_never_touches_the_run() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).arg("--record").arg("none").ok();
+    let bytes = |name: &str| std::fs::read(out.join(name)).expect("the run's own file");
+    let before = (bytes("tracks.parquet"), bytes("truth.tum"));
+    let inside = out.join("export");
+    let around = folder.path().join("elsewhere/../run");
+    std::fs::create_dir(folder.path().join("elsewhere")).expect("a scratch folder");
+    for format in ["parquet", "tum", "mcap"] {
+        for to in [&out, &inside, &around] {
+            let message =
+                complained(&["export", path(&out), "--format", format, "--out", path(to), "--force"], 1);
+            assert!(message.contains("lies in the run's own folder"), "{message}");
+        }
+    }
+    assert!(before == (bytes("tracks.parquet"), bytes("truth.tum")), "the run's files changed");
+    assert!(!inside.exists());
+    // An existing file is replaced only when asked for, and then whole.
+    let to = folder.path().join("to");
+    let export = ["export", path(&out), "--format", "parquet", "--out", path(&to), "--json"];
+    let json: serde_json::Value = serde_json::from_str(&said(&export)).expect("JSON");
+    assert_eq!(json["files"][0], path(&to.join("tracks.parquet")));
+    assert!(complained(&export, 1).contains("tracks.parquet exists already"));
+    said(&[&export[..], &["--force"]].concat());
+    assert!(std::fs::read(to.join("tracks.parquet")).expect("exported") == before.0);
+    assert_eq!(std::fs::read_dir(&to).expect("exported").count(), 1);
+}
+
+#[test]
+fn law_nobody_reading_is_no_failure() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).arg("--record").arg("none").ok();
+    let commands: [&[&str]; 7] = [
+        &["scenarios", "show", "scenarios/colon-magnetic.toml", "--resolved"],
+        &["scenarios", "list"],
+        &["models", "list"],
+        &["models", "show", "tracts/colon"],
+        &["plugins"],
+        &["completions", "bash"],
+        &["explain", path(&out)],
+    ];
+    for command in commands {
+        let mut child = lumenav()
+            .args(command)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        drop(child.stdout.take());
+        let output = child.wait_with_output().expect("it ends");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && text.is_empty(), "{command:?}: {:?}: {text}", output.status);
+    }
+}
+
+#[test]
+fn law_a_new_scenario_works_and_a_wrong_one_is_not_written() {
+    let folder = scratch();
+    let models = root().join("models");
+    let make = |file: &Path, from: &str| {
+        let mut command = lumenav();
+        // Outside the checkout: what is shipped is in the program.
+        command.current_dir(folder.path()).args(["new", "scenario"]).arg(file).args(["--from", from]);
+        command.arg("--models").arg(&models).output().expect("the program starts")
+    };
+    let mine = folder.path().join("made/mine.toml");
+    let output = make(&mine, "smoke/helix");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("lumenav run "));
+    let out = folder.path().join("run");
+    Run::new(&mine).out(&out).arg("--models").arg(&models).arg("--record").arg("none").ok();
+    let metrics: Metrics = read_json(&out.join("metrics.json")).expect("the contract");
+    assert_eq!(metrics.scenario, "mine");
+    // From a file with another spelling of the name.
+    let odd = folder.path().join("odd.toml");
+    let text = std::fs::read_to_string(&mine).expect("made").replace("name = \"mine\"", "name='odd'");
+    std::fs::write(&odd, text).expect("a scratch file");
+    assert!(make(&folder.path().join("even.toml"), path(&odd)).status.success());
+    assert!(
+        std::fs::read_to_string(folder.path().join("even.toml")).expect("made").contains("name=\"even\"")
+    );
+    // A name that is not allowed, a scenario that does not exist, a file that is there: nothing is written.
+    for (file, from, word) in [
+        ("not allowed.toml", "smoke/helix", "is not allowed as a name"),
+        ("x.toml", "nonsense", "shipped are: colon-magnetic"),
+        ("even.toml", "smoke/helix", "exists already"),
+    ] {
+        let output = make(&folder.path().join(file), from);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && text.contains(word), "expected `{word}` in: {text}");
+        assert!(file == "even.toml" || !folder.path().join(file).exists());
+    }
+}
+
+#[test]
+fn law_what_is_printed_for_programs_is_json() {
+    let json = |arguments: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&said(arguments)).unwrap_or_else(|e| panic!("{arguments:?}: {e}"))
+    };
+    let list = json(&["scenarios", "list", "--json"]);
+    let colon =
+        list.as_array().expect("a list").iter().find(|s| s["file"] == "scenarios/colon-magnetic.toml");
+    assert_eq!(colon.expect("shipped")["duration_s"], 600.0);
+    assert_eq!(
+        json(&["scenarios", "show", "scenarios/smoke/helix.toml", "--json"])["truth"]["kind"],
+        "helix"
+    );
+    assert_eq!(json(&["scenarios", "check", "scenarios/smoke/helix.toml", "--json"])[0]["ok"], true);
+    assert_eq!(json(&["models", "list", "--json"])[0]["model"], "capsules/magnet-10x10");
+    assert_eq!(
+        json(&["models", "show", "sensor-arrays/belt-16", "--json"])["model"],
+        "sensor-arrays/belt-16"
+    );
+    assert_eq!(json(&["models", "check", "--json"])[0]["ok"], true);
+    assert_eq!(json(&["plugins", "--json"])[0]["kind"], "magnetic");
+}
+
+#[test]
+fn law_resolved_shows_every_key_with_origin_unit_and_source() {
+    let scenario = "scenarios/colon-magnetic.toml";
+    let set = "sensor.belt.schedule.rate_hz=25";
+    let text = said(&["scenarios", "show", scenario, "--resolved", "--set", set]);
+    for line in [
+        "start_arc_length_mm = 100.0  # set, mm",
+        "start_roll_deg = 0.0  # default, degrees",
+        "rate_hz = 25.0  # --set, Hz",
+        "latency_ms = 0.0  # default, ms",
+        "wave[0].start_time_s = 60.0  # set, s",
+        "wave[1].speed_m_s = 0.022  # set, m/s",
+    ] {
+        assert!(text.lines().any(|l| l.starts_with(line)), "no line `{line}` in:\n{text}");
+    }
+    for (key, unit) in [
+        ("fluid_density_kg_m3", ", kg/m^3"),
+        ("fluid_viscosity_pa_s", ", Pa s"),
+        ("_newton_s_per_m", ", N s/m"),
+        ("_per_day", ", 1/day"),
+    ] {
+        let line = text.lines().find(|l| l.split(" = ").next().is_some_and(|k| k.ends_with(key)));
+        let line = line.unwrap_or_else(|| panic!("no key `{key}` in:\n{text}"));
+        assert!(line.contains(unit), "{line}");
+    }
+    assert!(!text.contains(" = {") && !text.contains("= [{"), "a nested table is not flattened:\n{text}");
+    assert!(text.contains("# source: mass movements: propulsive sequences"), "{text}");
+    assert!(text.contains("# source: 11 x 26 mm and less than 4 g"), "the capsule's source is missing");
+}
+
+#[test]
+fn law_a_model_of_an_unknown_kind_is_an_error() {
+    let folder = scratch();
+    let models = folder.path().join("models");
+    std::fs::create_dir_all(models.join("scanners")).expect("a scratch folder");
+    std::fs::write(models.join("scanners/ring.toml"), "x = 1\n").expect("a scratch file");
+    let message = complained(&["models", "check", "--models", path(&models)], 3);
+    assert!(message.contains("unknown kind of model `scanners`"), "{message}");
+    assert!(message.contains("capsules, sensor-arrays, tracts"), "{message}");
+    complained(&["models", "show", "scanners/ring", "--models", path(&models)], 3);
 }
 
 /// Recorded data: exact cylinder within 0.10 mm, dipole within 0.17 mm of the reference, which no estimator is told.

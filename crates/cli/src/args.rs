@@ -5,11 +5,31 @@ use std::path::PathBuf;
 
 /// Where is a swallowed capsule endoscope, and what must we build to know it to a millimetre?
 #[derive(Debug, Parser)]
-#[command(name = "lumenav", version, about, long_about = None, propagate_version = true)]
+#[command(
+    name = "lumenav",
+    version,
+    about,
+    long_about = None,
+    propagate_version = true,
+    after_help = "Exit codes:
+  0    done (also when nobody reads the output any more: lumenav ... | head)
+  1    something failed
+  2    the command line is not right
+  3    something is wrong in a scenario, model or data file; file, line and key are named
+  130  stopped with Ctrl-C; what is finished is kept
+
+Examples:
+  lumenav run scenarios/colon-magnetic.toml
+  lumenav explain out/colon-magnetic-1
+  lumenav view out/colon-magnetic-1"
+)]
 pub struct Arguments {
     /// Less output: no progress, no table.
-    #[arg(short, long, global = true)]
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
+    /// More output, on stderr: which files are read, how long stages take.
+    #[arg(short, long, global = true)]
+    verbose: bool,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -22,12 +42,18 @@ pub enum Verbosity {
     Quiet,
     /// Progress on stderr, results on stdout.
     Normal,
+    /// As normal, and what is read and done on stderr.
+    Verbose,
 }
 
 impl Arguments {
     /// How much to say.
     pub fn verbosity(&self) -> Verbosity {
-        if self.quiet { Verbosity::Quiet } else { Verbosity::Normal }
+        match (self.quiet, self.verbose) {
+            (true, _) => Verbosity::Quiet,
+            (false, true) => Verbosity::Verbose,
+            (false, false) => Verbosity::Normal,
+        }
     }
 }
 
@@ -46,20 +72,37 @@ pub enum Command {
     Replay(ReplayOptions),
     /// Say why a track lost the capsule: refusals with reasons, weakest direction, events, counters.
     #[command(after_help = "Example:
-  lumenav explain out/colon-magnetic-1 --track magnetic-eskf --at 312s")]
+  lumenav explain out/colon-magnetic-1 --track magnetic-eskf --at 312s
+  lumenav explain out/colon-magnetic-1 --json | jq .tracks")]
     Explain(ExplainOptions),
     /// List, show or check scenarios.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "Examples:
+  lumenav scenarios list
+  lumenav scenarios show scenarios/colon-magnetic.toml --resolved
+  lumenav scenarios check mine.toml"
+    )]
     Scenarios(ScenariosCommand),
     /// List, show or check models.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "Examples:
+  lumenav models list
+  lumenav models show sensor-arrays/belt-16
+  lumenav models check"
+    )]
     Models(ModelsCommand),
     /// List the modalities that this program knows.
     Plugins(PluginsOptions),
     /// Make a new scenario that works from the first minute.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "Example:
+  lumenav new scenario mine.toml --from colon-magnetic"
+    )]
     New(NewCommand),
-    /// Write truth and tracks of a run as TUM, CSV, Parquet or KITTI.
+    /// Write truth and tracks of a run as TUM, CSV, Parquet, KITTI or MCAP.
     #[command(after_help = "Example:
   lumenav export out/helix-magnetic-1 --format kitti --out exported")]
     Export(ExportOptions),
@@ -84,7 +127,8 @@ pub struct RunOptions {
     /// Seed; default the scenario's.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Independent trials, in parallel; writes trials/NNN/ and one table with 95 % intervals.
+    /// Independent trials, in parallel; writes trials/NNN/ and one table with 95 % intervals. Stopped trials go on with the
+    /// same command: those that are finished are used again.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub trials: u64,
     /// Threads for --trials; default all.
@@ -108,7 +152,7 @@ pub struct RunOptions {
     /// How much the recording keeps.
     #[arg(long, value_enum, default_value_t = Record::Bounded)]
     pub record: Record,
-    /// Replace an existing run folder.
+    /// Replace an existing run folder (an empty folder or one that lumenav wrote, nothing else).
     #[arg(long)]
     pub force: bool,
     /// Folder of models; default: `models` beside or above the scenario.
@@ -144,7 +188,7 @@ pub struct ReplayOptions {
     /// How much the recording keeps.
     #[arg(long, value_enum, default_value_t = Record::Bounded)]
     pub record: Record,
-    /// Replace an existing run folder.
+    /// Replace an existing run folder (an empty folder or one that lumenav wrote, nothing else).
     #[arg(long)]
     pub force: bool,
     /// Folder of models; default: `models` beside or above the file.
@@ -163,6 +207,9 @@ pub struct ExplainOptions {
     /// Only the ten seconds around this time, for example 312s.
     #[arg(long, value_parser = seconds)]
     pub at: Option<f64>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -181,6 +228,9 @@ pub enum ScenariosCommand {
         /// The folder.
         #[arg(default_value = "scenarios")]
         folder: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Show a scenario; with --resolved every key with its value, default or set, and unit.
     Show {
@@ -192,12 +242,18 @@ pub enum ScenariosCommand {
         /// Replace a value of the scenario.
         #[arg(long = "set", value_name = "KEY=VALUE")]
         set: Vec<String>,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Check scenarios: every table and every model they name.
     Check {
         /// The scenario files.
         #[arg(required = true)]
         scenarios: Vec<PathBuf>,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -209,6 +265,9 @@ pub enum ModelsCommand {
         /// The models folder.
         #[arg(long, default_value = "models")]
         models: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Show a model: kind/name.
     Show {
@@ -217,12 +276,18 @@ pub enum ModelsCommand {
         /// The models folder.
         #[arg(long, default_value = "models")]
         models: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Check all models of the folder.
     Check {
         /// The models folder.
         #[arg(long, default_value = "models")]
         models: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -241,9 +306,12 @@ pub enum NewCommand {
     Scenario {
         /// The file to write.
         file: PathBuf,
-        /// The scenario to start from.
-        #[arg(long, default_value = "scenarios/helix-magnetic.toml")]
-        from: PathBuf,
+        /// What to start from: the name of a shipped scenario (see `lumenav scenarios list`), or a file.
+        #[arg(long, default_value = "helix-magnetic", value_name = "NAME")]
+        from: String,
+        /// Folder of models; default: `models` beside or above the file.
+        #[arg(long)]
+        models: Option<PathBuf>,
     },
 }
 
@@ -255,7 +323,7 @@ pub struct ExportOptions {
     /// The format.
     #[arg(long, value_enum, default_value_t = ExportFormat::Tum)]
     pub format: ExportFormat,
-    /// Folder to write.
+    /// Folder to write, outside the run's folder.
     #[arg(long, default_value = "export")]
     pub out: PathBuf,
     /// Only this track.
@@ -264,6 +332,9 @@ pub struct ExportOptions {
     /// Replace existing files.
     #[arg(long)]
     pub force: bool,
+    /// Print what was written as JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Formats of `export`.
@@ -277,6 +348,8 @@ pub enum ExportFormat {
     Parquet,
     /// Twelve numbers of the 3 x 4 pose matrix.
     Kitti,
+    /// One file for Foxglove and ROS tools: channels /truth and /tracks/<track>.
+    Mcap,
 }
 
 /// Options of `view`.
@@ -287,6 +360,11 @@ pub struct ViewOptions {
 }
 
 /// Prints completions for a shell.
-pub fn completions(shell: clap_complete::Shell) {
-    clap_complete::generate(shell, &mut Arguments::command(), "lumenav", &mut std::io::stdout());
+///
+/// # Errors
+/// Where nobody reads them.
+pub fn completions(shell: clap_complete::Shell) -> anyhow::Result<()> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Arguments::command(), "lumenav", &mut script);
+    crate::output::print(format_args!("{}", String::from_utf8_lossy(&script)))
 }

@@ -7,4 +7,5 @@ pub mod new;
 pub mod replay;
 pub mod run;
 pub mod scenarios;
+pub mod trials;
 pub mod view;

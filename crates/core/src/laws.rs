@@ -19,6 +19,7 @@ use crate::sensor::Sensor;
 use crate::state::NominalState;
 use crate::time::SimTime;
 use crate::truth::TruthView;
+use crate::units::unit_of;
 use nalgebra::{DMatrix, DVector};
 
 /// A law that does not hold, and where.
@@ -339,23 +340,16 @@ pub fn check_sensor_is_deterministic(
     Ok(())
 }
 
-/// Suffixes that name a unit, as they stand in column names.
-const UNITS: [&str; 27] = [
-    "_m", "_mm", "_tesla", "_T", "_ut", "_rad", "_deg", "_s", "_ms", "_ns", "_hz", "_m_s", "_mps2", "_m_s2",
-    "_rad_s", "_radps", "_n", "_nm", "_dBm", "_v", "_j", "_bq", "_px", "_index", "_count", "_unit", "_image",
-];
-
 /// Every column (or channel label) of a schema ends in a unit.
 ///
 /// # Errors
 /// [`LawViolation::Unit`] with the first that does not.
 pub fn check_units(schema: &Schema) -> Result<(), LawViolation> {
-    let has_unit = |name: &str| UNITS.iter().any(|unit| name.ends_with(unit));
     let labels: Vec<&String> = match &schema.rows {
         Rows::Channels(labels) => labels.iter().collect(),
         Rows::Events => schema.columns.iter().map(|c| &c.name).collect(),
     };
-    match labels.into_iter().find(|name| !has_unit(name)) {
+    match labels.into_iter().find(|name| unit_of(name).is_none()) {
         Some(name) => Err(LawViolation::Unit(name.clone())),
         None => Ok(()),
     }

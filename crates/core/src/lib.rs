@@ -33,6 +33,7 @@ pub mod setup;
 pub mod state;
 pub mod time;
 pub mod truth;
+pub mod units;
 
 pub use config::{ConfigError, Node, Resolved, ResolvedLog, ResolvedRow};
 pub use control::{Command, Controller, PublishedEstimate};

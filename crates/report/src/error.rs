@@ -19,6 +19,14 @@ pub enum ReportError {
     /// Results are never overwritten unasked.
     #[error("{} exists already; choose another folder or ask to replace it", .0.display())]
     Exists(PathBuf),
+    /// Something else stands where a run's folder is to be replaced.
+    #[error("{} is not replaced: {why}; remove it yourself or choose another folder", path.display())]
+    NotOurs {
+        /// What stands there.
+        path: PathBuf,
+        /// Why it is not ours.
+        why: &'static str,
+    },
     /// A path that names no folder (`/`, `..`).
     #[error("{} does not name a folder that could be made", .0.display())]
     NoName(PathBuf),

@@ -13,7 +13,7 @@
 //! | `trials.json` | [`write_trials`] | [`read_json`] |
 //!
 //! [`RunWriter`] is all of them in a [`RunFolder`] that appears whole or not at all. [`write_tum`], [`write_kitti`] and
-//! [`write_csv`] export single tracks. Equal runs give equal bytes, `timing.json` excepted. Memory does not grow with the
+//! [`write_csv`] export single tracks, [`write_mcap`] truth and tracks in one file. Equal runs give equal bytes, `timing.json` excepted. Memory does not grow with the
 //! run, 8 bytes per update and quantile figure of `metrics.json` and `timing.json` excepted.
 
 mod error;
@@ -21,6 +21,7 @@ mod file;
 mod folder;
 mod log;
 mod manifest;
+mod mcap;
 mod metrics;
 mod readings;
 mod row;
@@ -32,11 +33,12 @@ mod tum;
 mod writer;
 
 pub use error::ReportError;
-pub use folder::RunFolder;
+pub use folder::{RunFolder, check_replaceable};
 pub use log::{
     EventsObserver, Logged, LoggedEvent, WorstChannel, for_each_event, read_events, refusal_reason,
 };
-pub use manifest::{FileEntry, Machine, Manifest, read_json, write_manifest};
+pub use manifest::{FileEntry, Machine, Manifest, Provenance, fingerprint, read_json, write_manifest};
+pub use mcap::write_mcap;
 pub use metrics::{
     AxisError, DRIFT_SPAN_M, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis,
     RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,

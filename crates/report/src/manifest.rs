@@ -2,9 +2,14 @@
 //!
 //! Wall times are in `timing.json`, which therefore is not among the fingerprints: on one machine equal runs of one program
 //! give equal manifests.
+//!
+//! Two runs are *the same* where scenario (overrides applied), seed, trial, version and revision of the program, rule of the
+//! random streams, machine type, settings and every input file agree ([`Manifest::first_difference`]): then nothing needs to
+//! be computed again.
 
 use crate::error::ReportError;
 use crate::file::write_json;
+use lumenav_core::random::RANDOM_STREAMS_VERSION;
 use lumenav_pipeline::RunHeader;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -26,16 +31,36 @@ pub struct Manifest {
     pub trial: u64,
     /// Version of the program.
     pub lumenav_version: String,
-    /// Revision of the sources, where the build was told (`LUMENAV_GIT_REVISION`).
-    pub git_revision: Option<String>,
-    /// The command as it was typed.
-    pub command_line: Vec<String>,
+    /// Version of the rule that derives random streams from the seed.
+    #[serde(default)]
+    pub random_streams_version: u32,
+    /// Where the program came from and what it was given.
+    #[serde(flatten)]
+    pub provenance: Provenance,
     /// The machine.
     pub machine: Machine,
     /// SHA-256 of every file but this one and `timing.json`, by path with `/`.
     pub files: BTreeMap<String, FileEntry>,
     /// The scenario file as it was run, overrides applied.
     pub scenario_toml: String,
+}
+
+/// Where the program came from and what it was given; filled by whoever calls the library.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Revision of the program's sources; `null` where it was built outside a checkout.
+    pub git_revision: Option<String>,
+    /// Fingerprint of what was changed in the sources and not committed; `null` where nothing was.
+    #[serde(default)]
+    pub git_changes: Option<String>,
+    /// The command as it was typed.
+    pub command_line: Vec<String>,
+    /// What else decides which files appear (`record`, `save_readings`).
+    #[serde(default)]
+    pub settings: BTreeMap<String, String>,
+    /// SHA-256 of every file that was read, by its path as the files name it.
+    #[serde(default)]
+    pub inputs: BTreeMap<String, String>,
 }
 
 /// What the program ran on.
@@ -69,6 +94,62 @@ impl Machine {
     }
 }
 
+impl Manifest {
+    /// The manifest of a run, before its files are fingerprinted.
+    pub fn of(header: &RunHeader, provenance: &Provenance) -> Self {
+        Self {
+            schema: 1,
+            scenario: header.scenario.clone(),
+            seed: header.seed,
+            trial: header.trial,
+            lumenav_version: env!("CARGO_PKG_VERSION").to_owned(),
+            random_streams_version: RANDOM_STREAMS_VERSION,
+            provenance: provenance.clone(),
+            machine: Machine::here(),
+            files: BTreeMap::new(),
+            scenario_toml: header.scenario_toml.clone(),
+        }
+    }
+
+    /// In what the run described by `other` would differ from this one; `None` where it would be the same.
+    ///
+    /// The command's wording, the number of cores and the files that came out do not count.
+    pub fn first_difference(&self, other: &Self) -> Option<String> {
+        let (ours, theirs) = (&self.provenance, &other.provenance);
+        let version = |m: &Self| (m.lumenav_version.clone(), m.random_streams_version);
+        let revision = |p: &Provenance| (p.git_revision.clone(), p.git_changes.clone());
+        let machine = |m: &Machine| (m.os.clone(), m.arch.clone());
+        let what = if self.scenario_toml != other.scenario_toml {
+            "another scenario".to_owned()
+        } else if self.seed != other.seed {
+            format!("another seed ({})", self.seed)
+        } else if self.trial != other.trial {
+            format!("another trial ({})", self.trial)
+        } else if version(self) != version(other) {
+            format!("another version of lumenav ({})", self.lumenav_version)
+        } else if revision(ours) != revision(theirs) {
+            "another revision of lumenav".to_owned()
+        } else if machine(&self.machine) != machine(&other.machine) {
+            format!("another kind of machine ({} {})", self.machine.os, self.machine.arch)
+        } else if ours.settings != theirs.settings {
+            "other outputs (--record, --save-readings)".to_owned()
+        } else {
+            let changed = |(path, hash): &(&String, &String)| theirs.inputs.get(*path) != Some(*hash);
+            let missing = |(path, _): &(&String, &String)| !ours.inputs.contains_key(*path);
+            let path = ours.inputs.iter().find(changed).or_else(|| theirs.inputs.iter().find(missing))?.0;
+            format!("another content of {path}")
+        };
+        Some(what)
+    }
+
+    /// Whether all files stand in `folder` with the sizes noted here.
+    pub fn is_whole(&self, folder: &Path) -> bool {
+        self.files
+            .iter()
+            .all(|(name, entry)| std::fs::metadata(folder.join(name)).is_ok_and(|m| m.len() == entry.bytes))
+    }
+}
+
 /// Fingerprints all files of `folder` and writes `manifest.json` into it. To be called when all observers have finished.
 ///
 /// # Errors
@@ -76,23 +157,12 @@ impl Machine {
 pub fn write_manifest(
     folder: &Path,
     header: &RunHeader,
-    command_line: &[String],
+    provenance: &Provenance,
 ) -> Result<Manifest, ReportError> {
     let mut files = BTreeMap::new();
     fingerprint_folder(folder, "", &mut files)?;
     files.retain(|name, _| name != "manifest.json" && name != "timing.json");
-    let manifest = Manifest {
-        schema: 1,
-        scenario: header.scenario.clone(),
-        seed: header.seed,
-        trial: header.trial,
-        lumenav_version: env!("CARGO_PKG_VERSION").to_owned(),
-        git_revision: option_env!("LUMENAV_GIT_REVISION").map(str::to_owned),
-        command_line: command_line.to_vec(),
-        machine: Machine::here(),
-        files,
-        scenario_toml: header.scenario_toml.clone(),
-    };
+    let manifest = Manifest { files, ..Manifest::of(header, provenance) };
     write_json(&folder.join("manifest.json"), &manifest)?;
     Ok(manifest)
 }
@@ -117,7 +187,10 @@ fn fingerprint_folder(
 }
 
 /// SHA-256 and size of a file.
-fn fingerprint(path: &Path) -> Result<FileEntry, ReportError> {
+///
+/// # Errors
+/// [`ReportError::File`].
+pub fn fingerprint(path: &Path) -> Result<FileEntry, ReportError> {
     let mut file = std::fs::File::open(path).map_err(ReportError::file("cannot open", path))?;
     let mut hash = Sha256::new();
     let mut bytes = 0_u64;

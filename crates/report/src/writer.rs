@@ -3,7 +3,7 @@
 use crate::error::ReportError;
 use crate::folder::RunFolder;
 use crate::log::EventsObserver;
-use crate::manifest::write_manifest;
+use crate::manifest::{Provenance, write_manifest};
 use crate::metrics::{Metrics, MetricsObserver};
 use crate::readings::ReadingsObserver;
 use crate::timing::TimingObserver;
@@ -21,8 +21,8 @@ pub struct WriterOptions {
     pub replace: bool,
     /// Write `readings/`.
     pub save_readings: bool,
-    /// The command as it was typed, for the manifest.
-    pub command_line: Vec<String>,
+    /// Program, command and inputs, for the manifest.
+    pub provenance: Provenance,
 }
 
 /// Writes a run's folder: trajectories, `tracks.parquet`, `events.jsonl`, `metrics.json`, `timing.json`, and readings.
@@ -80,7 +80,7 @@ impl RunWriter {
     /// As [`write_manifest`] and [`RunFolder::commit`]; the folder then does not appear.
     pub fn commit(self) -> Result<PathBuf, ReportError> {
         if let Some(header) = &self.header {
-            write_manifest(self.folder.path(), header, &self.options.command_line)?;
+            write_manifest(self.folder.path(), header, &self.options.provenance)?;
         }
         self.folder.commit()
     }

@@ -8,8 +8,8 @@ use lumenav_core::frame::ColumnKind;
 use lumenav_core::{Column, ColumnSpec, Frame, Reading, Rows, Schema, SimTime};
 use lumenav_pipeline::{RunEvent, RunObserver};
 use lumenav_report::{
-    Logged, Manifest, Metrics, ReadingsObserver, ReportError, RunFolder, RunWriter, Timing, WriterOptions,
-    read_events, read_json, read_tracks, read_tum, write_csv, write_kitti, write_tum,
+    Logged, Manifest, Metrics, Provenance, ReadingsObserver, ReportError, RunFolder, RunWriter, Timing,
+    WriterOptions, read_events, read_json, read_tracks, read_tum, write_csv, write_kitti, write_tum,
 };
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
@@ -22,7 +22,11 @@ const TRACKS: [&str; 2] = ["magnetic", "pet"];
 fn run(target: &Path) -> PathBuf {
     let options = WriterOptions {
         save_readings: true,
-        command_line: vec!["lumenav".into(), "run".into(), "helix.toml".into()],
+        provenance: Provenance {
+            command_line: vec!["lumenav".into(), "run".into(), "helix.toml".into()],
+            inputs: BTreeMap::from([("helix.toml".to_owned(), "00".to_owned())]),
+            ..Provenance::default()
+        },
         ..WriterOptions::default()
     };
     let mut writer = RunWriter::create(target, options).unwrap();
@@ -57,7 +61,7 @@ fn law_the_folder_appears_whole_with_all_files() {
     assert_eq!(std::fs::read_dir(folder.path().join("out")).unwrap().count(), 1);
     let manifest: Manifest = read_json(&out.join("manifest.json")).unwrap();
     assert_eq!((manifest.seed, manifest.scenario.as_str()), (7, "helix"));
-    assert_eq!(manifest.command_line.len(), 3);
+    assert_eq!(manifest.provenance.command_line.len(), 3);
     assert_eq!(manifest.scenario_toml, "name = \"helix\"\n");
     assert!(manifest.files.contains_key("tracks.parquet") && !manifest.files.contains_key("timing.json"));
     let timing: Timing = read_json(&out.join("timing.json")).unwrap();
@@ -302,18 +306,94 @@ fn law_readings_read_back_to_the_same_bits() {
 #[test]
 fn law_results_are_not_overwritten_unasked() {
     let folder = tempfile::tempdir().unwrap();
-    let target = folder.path().join("out");
-    std::fs::create_dir(&target).unwrap();
-    std::fs::write(target.join("precious"), "x").unwrap();
+    let target = run(&folder.path().join("out"));
+    std::fs::write(target.join("plot.png"), "x").unwrap();
     assert!(matches!(RunFolder::create(&target, false), Err(ReportError::Exists(_))));
     // Replaced only at the end, and not by a run that fails.
     drop(RunFolder::create(&target, true).unwrap());
-    assert!(target.join("precious").exists());
+    assert!(target.join("plot.png").exists());
     let new = RunFolder::create(&target, true).unwrap();
     std::fs::write(new.path().join("result"), "y").unwrap();
     new.commit().unwrap();
-    assert!(target.join("result").exists() && !target.join("precious").exists());
+    assert!(target.join("result").exists() && !target.join("plot.png").exists());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn law_only_what_is_ours_is_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("thesis");
+    std::fs::create_dir(&target).unwrap();
+    // An empty folder may be replaced.
+    RunFolder::create(&target, true).unwrap().commit().unwrap();
+    let refused = || {
+        let error = RunFolder::create(&target, true).unwrap_err();
+        assert!(matches!(error, ReportError::NotOurs { .. }), "{error:?}");
+        assert!(error.to_string().contains("thesis is not replaced"), "{error}");
+    };
+    // Somebody's work, also with a manifest of another program, also with a `trials` folder of its own.
+    std::fs::write(target.join("chapter-1.tex"), "x").unwrap();
+    refused();
+    std::fs::write(target.join("manifest.json"), "{\"name\": \"a web page\"}").unwrap();
+    refused();
+    std::fs::create_dir_all(target.join("trials/patients")).unwrap();
+    refused();
+    std::fs::remove_file(target.join("chapter-1.tex")).unwrap();
+    std::fs::remove_file(target.join("manifest.json")).unwrap();
+    refused();
+    assert!(target.join("trials/patients").is_dir());
+    // Trials that were stopped: finished runs, and what a killed one was filling.
+    std::fs::remove_dir(target.join("trials/patients")).unwrap();
+    std::fs::create_dir(target.join("trials/.001.partial-7-0")).unwrap();
+    run(&target.join("trials/000"));
+    drop(RunFolder::create(&target, true).unwrap());
+    let file = folder.path().join("file");
+    std::fs::write(&file, "x").unwrap();
+    assert!(matches!(RunFolder::create(&file, true), Err(ReportError::NotOurs { .. })));
+}
+
+#[cfg(unix)]
+#[test]
+fn law_replacing_a_link_keeps_what_it_points_to() {
+    let folder = tempfile::tempdir().unwrap();
+    let real = run(&folder.path().join("real"));
+    let link = folder.path().join("link");
+    std::os::unix::fs::symlink(&real, &link).unwrap();
+    RunFolder::create(&link, true).unwrap().commit().unwrap();
+    assert!(real.join("metrics.json").is_file(), "the run behind the link is gone");
+    assert!(!link.symlink_metadata().unwrap().is_symlink());
+}
+
+#[test]
+fn law_a_manifest_tells_the_same_run_from_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = run(&folder.path().join("out"));
+    let manifest: Manifest = read_json(&out.join("manifest.json")).unwrap();
+    assert_eq!(manifest.random_streams_version, 1);
+    assert!(manifest.is_whole(&out));
+    let mut same = manifest.clone();
+    same.provenance.command_line.clear();
+    same.machine.cores += 1;
+    assert_eq!(manifest.first_difference(&same), None);
+    let differs = |change: &dyn Fn(&mut Manifest), word: &str| {
+        let mut other = manifest.clone();
+        change(&mut other);
+        let said = manifest.first_difference(&other).unwrap_or_default();
+        assert!(said.contains(word), "expected `{word}` in `{said}`");
+    };
+    differs(&|m| m.scenario_toml.push('#'), "scenario");
+    differs(&|m| m.seed += 1, "seed (7)");
+    differs(&|m| m.trial += 1, "trial (0)");
+    differs(&|m| m.lumenav_version.push('x'), "version");
+    differs(&|m| m.random_streams_version += 1, "version");
+    differs(&|m| m.provenance.git_changes = Some("x".into()), "revision");
+    differs(&|m| m.machine.arch.push('x'), "machine");
+    differs(&|m| drop(m.provenance.settings.insert("record".into(), "full".into())), "outputs");
+    differs(&|m| drop(m.provenance.inputs.insert("helix.toml".into(), "01".into())), "helix.toml");
+    differs(&|m| drop(m.provenance.inputs.insert("new.toml".into(), "01".into())), "new.toml");
+    differs(&|m| m.provenance.inputs.clear(), "helix.toml");
+    std::fs::write(out.join("truth.tum"), "").unwrap();
+    assert!(!manifest.is_whole(&out));
 }
 
 #[test]

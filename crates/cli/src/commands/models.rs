@@ -2,94 +2,152 @@
 
 use super::scenarios::toml_files;
 use crate::args::{ModelsCommand, PluginsOptions};
+use crate::exit::WrongFiles;
 use anyhow::bail;
 use comfy_table::{Table, presets};
 use lumenav::anatomy::tract_file::{self, TractOptions};
-use lumenav::core::{ConfigError, Node};
-use lumenav::default_registry;
+use lumenav::core::{ConfigError, Node, Registry};
 use lumenav::magnetic::array::SensorArray;
 use lumenav::scenario::file::CapsuleModelTable;
+use serde::Serialize;
 use std::path::Path;
+
+/// A reader that says in a line what a model is.
+type Reader = fn(&Node) -> Result<String, ConfigError>;
+
+/// The kinds of models (folders below `models`) that this program can read.
+const KINDS: [(&str, Reader); 3] =
+    [("capsules", capsule), ("sensor-arrays", sensor_array), ("tracts", tract)];
 
 /// Lists, shows or checks models.
 pub fn models(what: &ModelsCommand) -> anyhow::Result<()> {
     match what {
-        ModelsCommand::List { models } => list(models),
-        ModelsCommand::Show { model, models } => show(model, models),
-        ModelsCommand::Check { models } => check(models),
+        ModelsCommand::List { models, json } => list(models, *json),
+        ModelsCommand::Show { model, models, json } => show(model, models, *json),
+        ModelsCommand::Check { models, json } => check(models, *json),
     }
 }
 
-fn list(root: &Path) -> anyhow::Result<()> {
+/// A model by name, with the line at its head.
+#[derive(Serialize)]
+struct Listed {
+    model: String,
+    about: String,
+}
+
+/// `kind/name` of a file below the models folder.
+fn name_of(path: &Path, root: &Path) -> String {
+    path.strip_prefix(root).unwrap_or(path).with_extension("").display().to_string().replace('\\', "/")
+}
+
+fn list(root: &Path, json: bool) -> anyhow::Result<()> {
     let files = toml_files(root);
     if files.is_empty() {
         bail!("no model below {}", root.display());
     }
-    let mut table = Table::new();
-    table.load_preset(presets::NOTHING).set_header(["model", "what"]);
+    let mut all = Vec::new();
     for path in files {
         let first = std::fs::read_to_string(&path).unwrap_or_default();
-        let what = first.lines().next().unwrap_or_default().trim_start_matches('#').trim().to_owned();
-        let name = path.strip_prefix(root).unwrap_or(&path).with_extension("");
-        table.add_row([name.display().to_string(), what]);
+        let about = first.lines().next().unwrap_or_default().trim_start_matches('#').trim().to_owned();
+        all.push(Listed { model: name_of(&path, root), about });
     }
-    println!("{table}");
-    Ok(())
+    if json {
+        return crate::output::json(&all);
+    }
+    let mut table = Table::new();
+    table.load_preset(presets::NOTHING).set_header(["model", "what"]);
+    for Listed { model, about } in all {
+        table.add_row([model, about]);
+    }
+    say!("{table}")
 }
 
-fn show(model: &str, root: &Path) -> anyhow::Result<()> {
-    let path = root.join(model).with_extension("toml");
+fn show(model: &str, root: &Path, json: bool) -> anyhow::Result<()> {
+    let path = root.join(format!("{model}.toml"));
     let node = Node::open(&path)?;
-    print!("{}", node.text());
-    println!("# {}", summary(&node, model)?);
-    Ok(())
+    let summary = summary(&node, model)?;
+    if json {
+        let tables = node.to_toml();
+        return crate::output::json(
+            &serde_json::json!({ "model": model, "summary": summary, "tables": tables }),
+        );
+    }
+    crate::output::print(format_args!("{}", node.text()))?;
+    say!("# {summary}")
 }
 
 /// Reads a model as the program would and says what it is.
 fn summary(node: &Node, model: &str) -> Result<String, ConfigError> {
     let kind = model.split('/').next().unwrap_or_default();
-    match kind {
-        "sensor-arrays" => {
-            let array = SensorArray::from_node(node)?;
-            let channels = array.labels().len();
-            Ok(format!("{} sensors, {channels} channels, noise {} T", array.sensors.len(), array.noise_tesla))
-        }
-        "capsules" => {
-            let capsule: CapsuleModelTable = node.child_or_empty("capsule").parse()?;
-            Ok(format!("{} x {} mm, {} g", capsule.diameter_mm.0, capsule.length_mm.0, capsule.mass_g.0))
-        }
-        "tracts" => {
-            let (tract, report) = tract_file::load(node, &TractOptions::default())?;
-            let warnings = report.warnings.join("; ");
-            let keys: Vec<String> = tract.segments.iter().map(|s| s.key.to_string()).collect();
-            let text = format!("{:.3} m: {}", tract.length_m(), keys.join(", "));
-            Ok(if warnings.is_empty() { text } else { format!("{text}; {warnings}") })
-        }
-        _ => Ok(String::new()),
+    if let Some((_, reader)) = KINDS.iter().find(|(known, _)| *known == kind) {
+        return reader(node);
     }
+    let known: Vec<&str> = KINDS.iter().map(|(known, _)| *known).collect();
+    let known = known.join(", ");
+    Err(node.error(&format!("unknown kind of model `{kind}`; this program reads: {known}")))
 }
 
-fn check(root: &Path) -> anyhow::Result<()> {
-    let mut wrong = 0;
-    for path in toml_files(root) {
-        let name = path.strip_prefix(root).unwrap_or(&path).with_extension("").display().to_string();
-        match Node::open(&path).and_then(|node| summary(&node, &name)) {
-            Ok(text) => println!("{name}: ok ({text})"),
-            Err(error) => {
-                wrong += 1;
-                eprintln!("{error}");
+fn sensor_array(node: &Node) -> Result<String, ConfigError> {
+    let array = SensorArray::from_node(node)?;
+    let channels = array.labels().len();
+    Ok(format!("{} sensors, {channels} channels, noise {} T", array.sensors.len(), array.noise_tesla))
+}
+
+fn capsule(node: &Node) -> Result<String, ConfigError> {
+    let capsule: CapsuleModelTable = node.child_or_empty("capsule").parse()?;
+    Ok(format!("{} x {} mm, {} g", capsule.diameter_mm.0, capsule.length_mm.0, capsule.mass_g.0))
+}
+
+fn tract(node: &Node) -> Result<String, ConfigError> {
+    let (tract, report) = tract_file::load(node, &TractOptions::default())?;
+    let warnings = report.warnings.join("; ");
+    let keys: Vec<String> = tract.segments.iter().map(|s| s.key.to_string()).collect();
+    let text = format!("{:.3} m: {}", tract.length_m(), keys.join(", "));
+    Ok(if warnings.is_empty() { text } else { format!("{text}; {warnings}") })
+}
+
+/// A model that was read.
+#[derive(Serialize)]
+struct Checked {
+    model: String,
+    ok: bool,
+    summary: Option<String>,
+    error: Option<String>,
+}
+
+fn check(root: &Path, json: bool) -> anyhow::Result<()> {
+    let files = toml_files(root);
+    if files.is_empty() {
+        bail!("no model below {}", root.display());
+    }
+    let all: Vec<Checked> = files
+        .iter()
+        .map(|path| {
+            let model = name_of(path, root);
+            match Node::open(path).and_then(|node| summary(&node, &model)) {
+                Ok(text) => Checked { model, ok: true, summary: Some(text), error: None },
+                Err(error) => Checked { model, ok: false, summary: None, error: Some(error.to_string()) },
             }
+        })
+        .collect();
+    if json {
+        crate::output::json(&all)?;
+    }
+    for Checked { model, summary, error, .. } in all.iter().filter(|_| !json) {
+        match (summary, error) {
+            (Some(text), _) => say!("{model}: ok ({text})")?,
+            (None, error) => complain!("{}", error.as_deref().unwrap_or_default()),
         }
     }
+    let wrong = all.iter().filter(|c| !c.ok).count();
     if wrong > 0 {
-        bail!("{wrong} models are not right");
+        return Err(WrongFiles(format!("{wrong} of {} models are not right", all.len())).into());
     }
     Ok(())
 }
 
 /// Lists the modalities.
-pub fn plugins(options: &PluginsOptions) -> anyhow::Result<()> {
-    let registry = default_registry();
+pub fn plugins(options: &PluginsOptions, registry: &Registry) -> anyhow::Result<()> {
     if options.json {
         let all: Vec<_> = registry
             .modalities()
@@ -97,16 +155,10 @@ pub fn plugins(options: &PluginsOptions) -> anyhow::Result<()> {
                 |m| serde_json::json!({ "kind": m.kind(), "about": m.about(), "front_ends": m.front_ends() }),
             )
             .collect();
-        println!("{}", serde_json::to_string_pretty(&all)?);
-        return Ok(());
+        return crate::output::json(&all);
     }
     for modality in registry.modalities() {
-        println!(
-            "{}  {} (front ends: {})",
-            modality.kind(),
-            modality.about(),
-            modality.front_ends().join(", ")
-        );
+        say!("{}  {} (front ends: {})", modality.kind(), modality.about(), modality.front_ends().join(", "))?;
     }
     Ok(())
 }

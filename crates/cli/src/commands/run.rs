@@ -1,17 +1,18 @@
-//! `lumenav run`: one run, or many trials of it.
+//! `lumenav run`: one run, or many trials of it (see `trials`).
 
 use crate::args::{Record, RunOptions, Verbosity};
 use crate::progress::Progress;
+use crate::provenance;
 use crate::table;
 use anyhow::{Context as _, bail};
-use lumenav::pipeline::{Observers, RunError, RunObserver, RunSummary, simulate};
+use lumenav::core::Registry;
+use lumenav::pipeline::{Observers, RunObserver, build, simulate};
 use lumenav::recording::{RecorderOptions, RrdRecorder};
 use lumenav::report::{
-    Metrics, RunWriter, Timing, Trials, TrialsCollector, WriterOptions, read_json, write_trials,
+    Manifest, Metrics, Provenance, RunWriter, Timing, WriterOptions, check_replaceable, read_json,
 };
 use lumenav::scenario::ScenarioFile;
-use lumenav::{check, default_registry, open_scenario, stage};
-use rayon::prelude::*;
+use lumenav::{check, open_scenario, stage};
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -31,39 +32,91 @@ pub fn stop_on_ctrl_c() -> Arc<AtomicBool> {
 }
 
 /// Runs a scenario.
-pub fn run(options: &RunOptions, verbosity: Verbosity) -> anyhow::Result<()> {
+pub fn run(options: &RunOptions, registry: &Registry, verbosity: Verbosity) -> anyhow::Result<()> {
     let file = open_scenario(&options.scenario, &options.set, options.models.as_deref())?;
     let seed = options.seed.unwrap_or(file.scenario.seed);
+    // Everything is built once: what is wrong is said before anything is touched, and every file that is read is known.
+    check(&file, registry)?;
     if options.dry_run {
-        check(&file, &default_registry())?;
-        if verbosity == Verbosity::Normal {
-            println!("{}: nothing wrong found", options.scenario.display());
+        if verbosity != Verbosity::Quiet {
+            say!("{}: nothing wrong found", options.scenario.display())?;
         }
         return Ok(());
     }
     let out = options.out.clone().unwrap_or_else(|| default_folder(&file, seed));
     let stop = stop_on_ctrl_c();
+    // A recording per trial would fill a disk: trials keep numbers, a single run keeps pictures.
+    let record = if options.trials > 1 { Record::None } else { options.record };
+    let mut provenance = provenance::of_program(record, options.save_readings);
+    provenance.inputs = provenance::inputs(&file.node)?;
+    say_inputs(&provenance, verbosity);
+    let job = Job { file: &file, registry, seed, options, record, provenance, stop: &stop };
     if options.trials > 1 {
-        return run_trials(&file, seed, &out, options, verbosity, &stop);
+        return super::trials::run_trials(&job, &out, verbosity);
     }
-    refuse_existing(&out, options.force)?;
-    let visible = verbosity == Verbosity::Normal && std::io::stderr().is_terminal();
+    if let Place::Same(metrics) = look_at_place(&out, options.force, &job.manifest(0)?)? {
+        return print_result(&out, &metrics, options.json, verbosity);
+    }
+    let visible = verbosity != Verbosity::Quiet && std::io::stderr().is_terminal();
     let mut progress = Progress::new(visible);
-    let (folder, metrics) = one_run(&file, seed, 0, &out, options, &mut progress, &stop)?;
+    let (folder, metrics) =
+        job.run(0, &out, options.force, &mut progress).inspect_err(|_| say_if_stopped(&stop))?;
     print_result(&folder, &metrics, options.json, verbosity)
+}
+
+/// What a stopped run leaves, and how to start again.
+pub fn say_if_stopped(stop: &AtomicBool) {
+    if stop.load(Ordering::Relaxed) {
+        complain!(
+            "stopped: nothing of this run is kept; the same command starts it again from the beginning"
+        );
+    }
+}
+
+/// With `-v`, the files that are read.
+pub fn say_inputs(provenance: &Provenance, verbosity: Verbosity) {
+    if verbosity == Verbosity::Verbose {
+        for (path, sha256) in &provenance.inputs {
+            complain!("reads {path} (sha256 {})", sha256.get(..12).unwrap_or(sha256));
+        }
+    }
+}
+
+/// What stands where a run is to be written.
+pub enum Place {
+    /// Nothing, or something that may be replaced.
+    Free,
+    /// The very same run, whole.
+    Same(Box<Metrics>),
+}
+
+/// Says at once, before hours of work, that a folder is in the way; or that the work is done already.
+pub fn look_at_place(out: &Path, force: bool, planned: &Manifest) -> anyhow::Result<Place> {
+    if out.symlink_metadata().is_err() {
+        return Ok(Place::Free);
+    }
+    if force {
+        check_replaceable(out)?;
+        return Ok(Place::Free);
+    }
+    let why = match (read_json::<Manifest>(&out.join("manifest.json")), read_json(&out.join("metrics.json")))
+    {
+        (Ok(manifest), Ok(metrics)) => match manifest.first_difference(planned) {
+            None if manifest.is_whole(out) => {
+                complain!("{} holds this very run already; nothing was computed again", out.display());
+                return Ok(Place::Same(Box::new(metrics)));
+            }
+            None => " (this very run, but some of its files are missing or changed)".to_owned(),
+            Some(difference) => format!(" (a run with {difference})"),
+        },
+        _ => String::new(),
+    };
+    bail!("{} exists already{why}; give another --out, or --force to replace it", out.display());
 }
 
 /// `out/<scenario>-<seed>`.
 pub fn default_folder(file: &ScenarioFile, seed: u64) -> PathBuf {
     Path::new("out").join(format!("{}-{seed}", file.scenario.name))
-}
-
-/// Says at once, before hours of work, that a folder is in the way.
-pub fn refuse_existing(out: &Path, force: bool) -> anyhow::Result<()> {
-    if out.exists() && !force {
-        bail!("{} exists already; give another --out, or --force to replace it", out.display());
-    }
-    Ok(())
 }
 
 /// Prints the table (or JSON) and what was written where.
@@ -74,145 +127,79 @@ pub fn print_result(
     verbosity: Verbosity,
 ) -> anyhow::Result<()> {
     if json {
-        println!("{}", serde_json::to_string_pretty(metrics)?);
-        return Ok(());
+        return crate::output::json(metrics);
     }
     if verbosity == Verbosity::Quiet {
         return Ok(());
     }
     let timing: Option<Timing> = read_json(&folder.join("timing.json")).ok();
-    println!("{}", table::of_run(metrics, timing.as_ref()));
-    println!("wrote {}:", folder.display());
+    say!("{}", table::of_run(metrics, timing.as_ref()))?;
+    say!("{}:", folder.display())?;
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .with_context(|| format!("cannot list {}", folder.display()))?
         .filter_map(Result::ok)
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
         .collect();
     names.sort();
-    println!("  {}", names.join("  "));
-    Ok(())
+    say!("  {}", names.join("  "))
 }
 
-fn one_run(
-    file: &ScenarioFile,
-    seed: u64,
-    trial: u64,
-    out: &Path,
-    options: &RunOptions,
-    progress: &mut dyn RunObserver,
-    stop: &AtomicBool,
-) -> anyhow::Result<(PathBuf, Metrics)> {
-    let begin = std::time::Instant::now();
-    let built = stage(file, seed, trial)?;
-    let mut writer = RunWriter::create(
-        out,
-        WriterOptions {
-            replace: options.force,
-            save_readings: options.save_readings,
-            command_line: std::env::args().collect(),
-        },
-    )?;
-    writer.add_stage("build_world", begin.elapsed());
-    let record_options = RecorderOptions { full: options.record == Record::Full };
-    let mut recorder = match options.record {
-        Record::None => None,
-        _ => Some(RrdRecorder::to_file(&writer.path().join("recording.rrd"), record_options)?),
-    };
-    let mut viewer = match &options.connect {
-        Some(address) => Some(RrdRecorder::to_viewer(address, record_options)?),
-        None => None,
-    };
-    simulate_with(file, seed, trial, built, &mut writer, &mut recorder, &mut viewer, progress, stop)?;
-    let metrics = writer.metrics().cloned().context("the run left no metrics")?;
-    Ok((writer.commit()?, metrics))
+/// What one run and every trial share.
+pub struct Job<'j> {
+    pub file: &'j ScenarioFile,
+    pub registry: &'j Registry,
+    pub seed: u64,
+    pub options: &'j RunOptions,
+    pub record: Record,
+    pub provenance: Provenance,
+    pub stop: &'j AtomicBool,
 }
 
-#[expect(clippy::too_many_arguments, reason = "the observers of one run, each of its own type")]
-fn simulate_with(
-    file: &ScenarioFile,
-    seed: u64,
-    trial: u64,
-    built: lumenav::pipeline::Stage,
-    writer: &mut RunWriter,
-    recorder: &mut Option<RrdRecorder>,
-    viewer: &mut Option<RrdRecorder>,
-    progress: &mut dyn RunObserver,
-    stop: &AtomicBool,
-) -> Result<RunSummary, RunError> {
-    let mut all: Vec<&mut dyn RunObserver> = vec![writer];
-    all.extend(recorder.iter_mut().map(|r| r as &mut dyn RunObserver));
-    all.extend(viewer.iter_mut().map(|r| r as &mut dyn RunObserver));
-    all.push(progress);
-    let mut observers = Observers::new(all);
-    simulate(file, &default_registry(), seed, trial, built, &mut observers, &|| stop.load(Ordering::Relaxed))
-}
-
-/// Independent trials in parallel, each in a folder of its own; trial k is the same alone or among others.
-fn run_trials(
-    file: &ScenarioFile,
-    seed: u64,
-    out: &Path,
-    options: &RunOptions,
-    verbosity: Verbosity,
-    stop: &AtomicBool,
-) -> anyhow::Result<()> {
-    refuse_existing(out, options.force)?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
-    let bar = indicatif::ProgressBar::new(options.trials);
-    if verbosity == Verbosity::Quiet || !std::io::stderr().is_terminal() {
-        bar.set_draw_target(indicatif::ProgressDrawTarget::hidden());
+impl Job<'_> {
+    /// The manifest that a trial will have, but for the files that come out.
+    pub fn manifest(&self, trial: u64) -> anyhow::Result<Manifest> {
+        let header = build::header(self.file, self.seed, trial, true)?;
+        Ok(Manifest::of(&header, &self.provenance))
     }
-    // A recording per trial would fill a disk: trials keep numbers, a single run keeps pictures.
-    let options = RunOptions { record: Record::None, connect: None, ..options.clone() };
-    let results: Vec<anyhow::Result<Metrics>> = pool.install(|| {
-        (0..options.trials as usize)
-            .into_par_iter()
-            .with_max_len(1)
-            .map(|trial| {
-                let trial = trial as u64;
-                let folder = trial_folder(out, trial);
-                let done = one_run(file, seed, trial, &folder, &options, &mut Progress::new(false), stop);
-                bar.inc(1);
-                done.map(|(_, metrics)| metrics).with_context(|| format!("trial {trial}"))
-            })
-            .collect()
-    });
-    bar.finish_and_clear();
-    let mut collector = TrialsCollector::default();
-    let mut failures = Vec::new();
-    for (trial, result) in results.into_iter().enumerate() {
-        match result {
-            Ok(metrics) => collector.push(&metrics, &trial_folder(out, trial as u64))?,
-            Err(error) => {
-                collector.push_failed();
-                failures.push(error);
+
+    /// Runs a trial into a folder that appears whole or not at all.
+    pub fn run(
+        &self,
+        trial: u64,
+        out: &Path,
+        replace: bool,
+        progress: &mut dyn RunObserver,
+    ) -> anyhow::Result<(PathBuf, Metrics)> {
+        let begin = std::time::Instant::now();
+        let built = stage(self.file, self.seed, trial)?;
+        let writer_options = WriterOptions {
+            replace,
+            save_readings: self.options.save_readings,
+            provenance: self.provenance.clone(),
+        };
+        let mut writer = RunWriter::create(out, writer_options)?;
+        writer.add_stage("build_world", begin.elapsed());
+        let record_options = RecorderOptions { full: self.record == Record::Full };
+        let mut recorder = match self.record {
+            Record::None => None,
+            _ => Some(RrdRecorder::to_file(&writer.path().join("recording.rrd"), record_options)?),
+        };
+        let mut viewer = match &self.options.connect {
+            Some(address) if self.options.trials == 1 => {
+                Some(RrdRecorder::to_viewer(address, record_options)?)
             }
+            _ => None,
+        };
+        let mut all: Vec<&mut dyn RunObserver> = vec![&mut writer];
+        all.extend(recorder.iter_mut().chain(viewer.iter_mut()).map(|r| r as &mut dyn RunObserver));
+        all.push(progress);
+        let stop = || self.stop.load(Ordering::Relaxed);
+        let mut observers = Observers::new(all);
+        simulate(self.file, self.registry, self.seed, trial, built, &mut observers, &stop)?;
+        if let Some(why) = viewer.as_ref().and_then(RrdRecorder::lost_viewer) {
+            complain!("{why}; the files are whole");
         }
+        let metrics = writer.metrics().cloned().context("the run left no metrics")?;
+        Ok((writer.commit()?, metrics))
     }
-    if failures.len() < options.trials as usize {
-        let trials = collector.finish()?;
-        write_trials(out, &trials)?;
-        print_trials(&trials, out, options.json, verbosity)?;
-    }
-    match failures.into_iter().next() {
-        Some(first) => Err(first),
-        None => Ok(()),
-    }
-}
-
-/// `OUT/trials/NNN`.
-fn trial_folder(out: &Path, trial: u64) -> PathBuf {
-    out.join("trials").join(format!("{trial:03}"))
-}
-
-fn print_trials(trials: &Trials, out: &Path, json: bool, verbosity: Verbosity) -> anyhow::Result<()> {
-    if json {
-        println!("{}", serde_json::to_string_pretty(trials)?);
-    } else if verbosity == Verbosity::Normal {
-        println!("{}", table::of_trials(trials));
-        let last = trials.trials - 1;
-        let (seed, failed, out) = (trials.seed, trials.failed, out.display());
-        println!("seed {seed}, trials 0 to {last}; {failed} failed; wrote {out}: trials.json  trials/");
-    }
-    Ok(())
 }

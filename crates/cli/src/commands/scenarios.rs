@@ -1,19 +1,26 @@
 //! `lumenav scenarios`: what there is, what a key means, whether a file is right.
 
+mod resolved;
+
 use super::replay::is_replay;
 use crate::args::ScenariosCommand;
+use crate::exit::WrongFiles;
 use anyhow::bail;
 use comfy_table::{Table, presets};
-use lumenav::core::{Node, Resolved};
-use lumenav::{check, default_registry, open_replay, open_scenario};
+use lumenav::core::{Node, Registry};
+use lumenav::{check, open_replay, open_scenario};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Lists, shows or checks scenarios.
-pub fn scenarios(what: &ScenariosCommand) -> anyhow::Result<()> {
+pub fn scenarios(what: &ScenariosCommand, registry: &Registry) -> anyhow::Result<()> {
     match what {
-        ScenariosCommand::List { folder } => list(folder),
-        ScenariosCommand::Show { scenario, resolved, set } => show(scenario, *resolved, set),
-        ScenariosCommand::Check { scenarios } => check_all(scenarios),
+        ScenariosCommand::List { folder, json } => list(folder, *json),
+        ScenariosCommand::Show { scenario, resolved: false, set, json } => show(scenario, set, *json),
+        ScenariosCommand::Show { scenario, resolved: true, set, json } => {
+            show_resolved(scenario, set, *json, registry)
+        }
+        ScenariosCommand::Check { scenarios, json } => check_all(scenarios, *json, registry),
     }
 }
 
@@ -35,117 +42,126 @@ pub fn toml_files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-fn list(folder: &Path) -> anyhow::Result<()> {
-    let files = toml_files(folder);
-    if files.is_empty() {
+/// What a file says of itself.
+#[derive(Serialize)]
+struct Listed {
+    file: String,
+    kind: &'static str,
+    duration_s: Option<f64>,
+    description: String,
+    error: Option<String>,
+}
+
+impl Listed {
+    fn of(path: &Path) -> Self {
+        let file = path.display().to_string();
+        match Node::open(path) {
+            Ok(node) => {
+                let scenario = node.child_or_empty("scenario").to_toml().unwrap_or_default();
+                let description = scenario.get("description").and_then(|v| v.as_str()).unwrap_or_default();
+                let number = |v: &toml::Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64));
+                Self {
+                    file,
+                    kind: if is_replay(&node) { "replay" } else { "scenario" },
+                    duration_s: scenario.get("duration_s").and_then(number),
+                    description: description.to_owned(),
+                    error: None,
+                }
+            }
+            Err(error) => Self {
+                file,
+                kind: "unreadable",
+                duration_s: None,
+                description: String::new(),
+                error: Some(error.to_string()),
+            },
+        }
+    }
+}
+
+fn list(folder: &Path, json: bool) -> anyhow::Result<()> {
+    let all: Vec<Listed> = toml_files(folder).iter().map(|path| Listed::of(path)).collect();
+    if all.is_empty() {
         bail!("no scenario below {}", folder.display());
+    }
+    if json {
+        return crate::output::json(&all);
     }
     let mut table = Table::new();
     table.load_preset(presets::NOTHING).set_header(["scenario", "length", "what"]);
-    for path in files {
-        let (length, what) = match Node::open(&path) {
-            Ok(node) => {
-                let scenario = node.child_or_empty("scenario").to_toml().unwrap_or_default();
-                let text = |key: &str| scenario.get(key).map(|v| v.as_str().unwrap_or_default().to_owned());
-                let length = scenario.get("duration_s").map_or("replay".to_owned(), |d| format!("{d} s"));
-                (length, text("description").unwrap_or_default())
-            }
-            Err(error) => ("-".to_owned(), error.to_string()),
-        };
-        table.add_row([path.display().to_string(), length, what]);
+    for one in all {
+        let length = one.duration_s.map_or_else(|| one.kind.to_owned(), |d| format!("{d} s"));
+        table.add_row([one.file, length, one.error.unwrap_or(one.description)]);
     }
-    println!("{table}");
-    Ok(())
+    say!("{table}")
 }
 
-fn show(path: &Path, resolved: bool, set: &[String]) -> anyhow::Result<()> {
+fn show(path: &Path, set: &[String], json: bool) -> anyhow::Result<()> {
     let file = open_scenario(path, set, None)?;
-    if !resolved {
-        print!("{}", file.node.text());
-        return Ok(());
+    if json {
+        return crate::output::json(&file.node.to_toml());
     }
+    crate::output::print(format_args!("{}", file.node.text()))
+}
+
+fn show_resolved(path: &Path, set: &[String], json: bool, registry: &Registry) -> anyhow::Result<()> {
+    let file = open_scenario(path, set, None)?;
+    // Everything is built once: then the log holds every table, the plugins' own included.
     if is_replay(&file.node) {
-        let registry = default_registry();
-        lumenav::pipeline::build::tracks(&file, &registry, None)?;
+        lumenav::pipeline::build::readers(&file, registry)?;
+        lumenav::pipeline::build::tracks(&file, registry, None)?;
     } else {
-        check(&file, &default_registry())?;
+        check(&file, registry)?;
     }
-    let mut seen = std::collections::BTreeSet::new();
-    for entry in file.node.log().entries() {
-        if seen.insert((entry.file.clone(), entry.path.clone())) {
-            print_resolved(&entry);
-        }
+    let tables = resolved::tables(&file.node, set);
+    if json {
+        return crate::output::json(&tables);
+    }
+    for table in &tables {
+        say!("{}", table.text())?;
     }
     Ok(())
 }
 
-/// One table with every key: value, unit (from its suffix), default or set, and where the default comes from.
-fn print_resolved(entry: &Resolved) {
-    println!("[{}]  # {}", entry.path, entry.file);
-    for row in entry.rows() {
-        let origin = if row.set { "set" } else { "default" };
-        let unit = unit_of(&row.key).map_or(String::new(), |u| format!(", {u}"));
-        let source = row.source.filter(|_| !row.set).map_or(String::new(), |s| format!("; {s}"));
-        println!("{} = {}  # {origin}{unit}{source}", row.key, row.value);
-    }
-    println!();
+/// A file that was checked.
+#[derive(Serialize)]
+struct Checked {
+    file: String,
+    ok: bool,
+    error: Option<String>,
 }
 
-/// Units by the suffix of a key, longest first.
-const UNITS: [(&str, &str); 20] = [
-    ("_m_s_per_sqrt_s", "m/s per sqrt(s)"),
-    ("_rad_s_per_sqrt_s", "rad/s per sqrt(s)"),
-    ("_kg_m3", "kg/m^3"),
-    ("_n_s_m", "N s/m"),
-    ("_rad_s", "rad/s"),
-    ("_mm_s", "mm/s"),
-    ("_m_s", "m/s"),
-    ("_n_m", "N/m"),
-    ("_a_m2", "A m^2"),
-    ("_a_m", "A/m"),
-    ("_tesla", "T"),
-    ("_deg", "degrees"),
-    ("_rad", "rad"),
-    ("_mm", "mm"),
-    ("_ms", "ms"),
-    ("_hz", "Hz"),
-    ("_m", "m"),
-    ("_s", "s"),
-    ("_g", "g"),
-    ("_n", "N"),
-];
-
-fn unit_of(key: &str) -> Option<&'static str> {
-    UNITS.iter().find(|(suffix, _)| key.ends_with(suffix)).map(|(_, unit)| *unit)
-}
-
-fn check_all(paths: &[PathBuf]) -> anyhow::Result<()> {
-    let mut wrong = 0;
+fn check_all(paths: &[PathBuf], json: bool, registry: &Registry) -> anyhow::Result<()> {
+    let mut all = Vec::new();
     for path in paths {
-        match check_one(path) {
-            Ok(()) => println!("{}: ok", path.display()),
-            Err(error) => {
-                wrong += 1;
-                eprintln!("{error:#}");
+        let error = check_one(path, registry).err().map(|error| format!("{error:#}"));
+        if !json {
+            match &error {
+                None => say!("{}: ok", path.display())?,
+                Some(error) => complain!("{error}"),
             }
         }
+        all.push(Checked { file: path.display().to_string(), ok: error.is_none(), error });
     }
+    if json {
+        crate::output::json(&all)?;
+    }
+    let wrong = all.iter().filter(|c| !c.ok).count();
     if wrong > 0 {
-        bail!("{wrong} of {} files are not right", paths.len());
+        return Err(WrongFiles(format!("{wrong} of {} files are not right", paths.len())).into());
     }
     Ok(())
 }
 
-fn check_one(path: &Path) -> anyhow::Result<()> {
+fn check_one(path: &Path, registry: &Registry) -> anyhow::Result<()> {
     let node = Node::open(path)?;
     if is_replay(&node) {
-        let registry = default_registry();
         let (file, _) = open_replay(path, &[], None)?;
-        lumenav::pipeline::build::readers(&file, &registry)?;
-        lumenav::pipeline::build::tracks(&file, &registry, None)?;
+        lumenav::pipeline::build::readers(&file, registry)?;
+        lumenav::pipeline::build::tracks(&file, registry, None)?;
         return Ok(());
     }
     let file = open_scenario(path, &[], None)?;
-    check(&file, &default_registry())?;
+    check(&file, registry)?;
     Ok(())
 }

@@ -1,0 +1,45 @@
+//! How the process ends: the codes that `lumenav --help` promises.
+
+use lumenav::pipeline::RunError;
+use lumenav::scenario::ScenarioError;
+use std::fmt;
+use std::process::ExitCode;
+
+/// Something is wrong in files of the user's, and each has been told apart already.
+#[derive(Debug)]
+pub struct WrongFiles(pub String);
+
+impl fmt::Display for WrongFiles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for WrongFiles {}
+
+/// Whether a run ended because somebody asked it to.
+pub fn was_stopped(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| matches!(cause.downcast_ref::<RunError>(), Some(RunError::Stopped { .. })))
+}
+
+/// 3 for something wrong in a user's file, 130 for a run stopped on request, else 1. (2 is clap's, for the command line.)
+pub fn code_of(error: &anyhow::Error) -> ExitCode {
+    let of_scenario =
+        |error: &ScenarioError| matches!(error, ScenarioError::Config(_) | ScenarioError::Records(_));
+    let is_input = error.chain().any(|cause| {
+        cause.is::<WrongFiles>()
+            || cause.is::<lumenav::core::ConfigError>()
+            || cause.downcast_ref::<ScenarioError>().is_some_and(of_scenario)
+            || match cause.downcast_ref::<RunError>() {
+                Some(RunError::Config(_) | RunError::Modality(_)) => true,
+                // Transparent: the chain goes past the inner error to its source.
+                Some(RunError::Scenario(inner)) => of_scenario(inner),
+                _ => false,
+            }
+    });
+    ExitCode::from(match (was_stopped(error), is_input) {
+        (true, _) => 130,
+        (false, true) => 3,
+        (false, false) => 1,
+    })
+}
