@@ -287,12 +287,14 @@ impl Eskf {
         let refused = matches!(verdict, Verdict::Refused(_));
         self.stage.accepted = self.stage.accepted.saturating_add(u32::from(!refused));
         let lost = self.follow_streak(measurement, refused, of_position);
+        let mut given_up = None;
         if lost.is_some() {
+            given_up = Some(Box::new(self.published(&belief)));
             self.give_up(&belief);
         } else {
             self.stage.belief = Some(belief);
         }
-        Offered { verdict, lost }
+        Offered { verdict, lost, given_up }
     }
 
     /// Follows how a sensor fares; why the belief is to be given up, where it is.
@@ -334,7 +336,7 @@ impl Eskf {
             belief.restore_blocks(kept);
         }
         self.stage = Stage { belief: Some(belief), ..Stage::default() };
-        Offered { verdict: Verdict::Started, lost: None }
+        Offered { verdict: Verdict::Started, lost: None, given_up: None }
     }
 
     /// Proposes, gates and applies; the belief keeps its prediction where the measurement is refused. Beside the verdict

@@ -102,11 +102,13 @@ pub struct Offered {
     pub verdict: Verdict,
     /// Whether the belief was given up because of it, and why.
     pub lost: Option<String>,
+    /// The belief that was given up for its refusals, as it stood at the measurement's time: its last word, to be judged by.
+    pub given_up: Option<Box<PublishedEstimate>>,
 }
 
 impl Offered {
     pub(crate) fn refused(why: Refused) -> Self {
-        Self { verdict: Verdict::Refused(why), lost: None }
+        Self { verdict: Verdict::Refused(why), lost: None, given_up: None }
     }
 }
 

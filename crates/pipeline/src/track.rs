@@ -137,7 +137,7 @@ impl Track {
             let step = Step::alone(measurement, front_end_s);
             return self.published(step, at);
         };
-        let Offered { verdict, lost } = filter.offer(measurement.clone());
+        let Offered { verdict, lost, given_up } = filter.offer(measurement.clone());
         let mut step = Step { lost, ..Step::default() };
         match verdict {
             Verdict::Accepted(innovation) => {
@@ -152,7 +152,13 @@ impl Track {
             Verdict::Refused(Refused::TooLate { by_s }) => step.refusal = Some(Refusal::TooLate { by_s }),
             Verdict::Refused(refused) => {
                 step.refusal = Some(refusal(refused));
-                step.estimate = self.predicted(at, measurement.arrival);
+                step.estimate = match given_up {
+                    Some(last) => Some(PublishedEstimate {
+                        available: measurement.arrival.max(last.available),
+                        ..*last
+                    }),
+                    None => self.predicted(at, measurement.arrival),
+                };
             }
         }
         step.measurement = Some(measurement);

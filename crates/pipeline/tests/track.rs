@@ -79,7 +79,7 @@ fn one(track: &mut Track, reading: &Reading) -> Step {
 /// prediction with the covariance it had then. Left out, its mean error would be that of its good moments.
 #[test]
 fn law_a_gating_filter_is_judged_at_every_instant() {
-    let mut track = track("kind = \"eskf\"");
+    let mut track = track("kind = \"eskf\"\nreacquire_after = 10");
     let (mut published, mut gated) = (Vec::new(), 0);
     for k in 0..60 {
         let jumped = (20..26).contains(&k);
@@ -91,7 +91,8 @@ fn law_a_gating_filter_is_judged_at_every_instant() {
             0.5 * k as f64
         };
         let step = one(&mut track, &reading("fast", k, tenth(k) + 5, x_mm));
-        let estimate = step.estimate.unwrap();
+        // Also where it gives the belief up.
+        let estimate = step.estimate.unwrap_or_else(|| panic!("nothing to judge at {k}"));
         assert!(!step.revision);
         match &step.refusal {
             Some(Refusal::Gate { .. }) => gated += 1,
@@ -110,6 +111,23 @@ fn law_a_gating_filter_is_judged_at_every_instant() {
     assert!((20..25).all(|k| published[k + 1].2 > published[k].2));
     assert!(published[26].2 < published[25].2);
     assert_eq!(track.filter().unwrap().counters().gated, 6);
+}
+
+/// The instant at which a belief is given up has its last prediction: the worst moment is judged as well.
+#[test]
+fn law_a_belief_that_is_given_up_has_a_last_word() {
+    let mut track = track("kind = \"eskf\"\nreacquire_after = 3");
+    for k in 0..20 {
+        one(&mut track, &reading("fast", k, tenth(k) + 5, 0.5 * k as f64));
+    }
+    for k in 20..23 {
+        let step = one(&mut track, &reading("fast", k, tenth(k) + 5, 300.0));
+        assert_eq!(step.lost.is_some(), k == 22);
+        let last = step.estimate.unwrap_or_else(|| panic!("nothing to judge at {k}"));
+        assert_eq!((last.at, last.available), (tenth(k), tenth(k) + 5));
+        assert!((last.pose.world_from_capsule.translation.x - 0.5e-3 * k as f64).abs() < 2e-3);
+    }
+    assert!(one(&mut track, &reading("fast", 23, tenth(23) + 5, 300.0)).started);
 }
 
 #[test]

@@ -55,6 +55,7 @@ fn law_the_folder_appears_whole_with_all_files() {
             "readings",
             "timing.json",
             "tracks.parquet",
+            "truth.parquet",
             "truth.tum"
         ]
     );
@@ -290,14 +291,16 @@ fn law_readings_read_back_to_the_same_bits() {
     let text = |name: &str| std::fs::read_to_string(folder.path().join("readings").join(name)).unwrap();
     let belt = text("belt.csv");
     let mut rows = belt.lines();
-    assert_eq!(rows.next(), Some("t_s,a_T,b_T,\"c,d\",e_T"));
+    assert_eq!(rows.next(), Some("t_s,sequence,start_s,end_s,arrival_s,a_T,b_T,\"c,d\",e_T"));
     let cells: Vec<&str> = rows.next().unwrap().split(',').collect();
-    assert_eq!((cells[0], cells[2]), ("0.000000001", ""));
-    for (cell, value) in [(1, 0), (3, 2), (4, 3)] {
+    let place = "0.000000001,3,0.000000001,0.000000001,0.000000001";
+    assert_eq!((cells[..5].join(","), cells[6]), (place.to_owned(), ""));
+    for (cell, value) in [(5, 0), (7, 2), (8, 3)] {
         assert_eq!(cells[cell].parse::<f64>().unwrap().to_bits(), values[value].to_bits());
     }
-    assert_eq!(text("scanner.csv"), "t_s,x1_mm,x2_mm\n0.000000001,0.1,0.3\n0.000000001,,\n");
-    assert_eq!(text("camera/frames.csv"), "t_s,file\n0.000000001,00000003.jpg\n");
+    let header = "t_s,sequence,start_s,end_s,arrival_s";
+    assert_eq!(text("scanner.csv"), format!("{header},x1_mm,x2_mm\n{place},0.1,0.3\n{place},,\n"));
+    assert_eq!(text("camera/frames.csv"), format!("{header},file\n{place},00000003.jpg\n"));
     assert_eq!(std::fs::read(folder.path().join("readings/camera/00000003.jpg")).unwrap(), jpeg);
     let poses = read_tum(&folder.path().join("readings/belt.array.tum")).unwrap();
     assert_eq!(poses[0].world_from_capsule.translation.x, 0.5);

@@ -129,7 +129,7 @@ fn law_one_broken_sensor_does_not_lose_what_another_vouches_for() {
 /// An attitude that agrees says nothing of a position that does not: the refusals of the position count all the same.
 #[test]
 fn law_an_attitude_does_not_vouch_for_a_position() {
-    let mut filter = Eskf::new(EskfOptions::default(), Vec::new());
+    let mut filter = Eskf::new(EskfOptions { reacquire_after: 10, ..EskfOptions::default() }, Vec::new());
     (0..20).for_each(|k| drop(filter.offer(fix("s", k, 0.0))));
     let attitude = |k: u64| {
         let world = [Vector3::z(), Vector3::x()];
@@ -159,7 +159,7 @@ fn biased(k: u64, x_m: f64) -> Measurement {
 #[test]
 fn law_blocks_outlive_a_loss_with_their_own_covariance() {
     let blocks = vec![block("bias_m", 3, 0.05, 1e-4)];
-    let mut filter = Eskf::new(EskfOptions::default(), blocks.clone());
+    let mut filter = Eskf::new(EskfOptions { reacquire_after: 10, ..EskfOptions::default() }, blocks.clone());
     for k in 0..30 {
         filter.offer(fix("s", k, 0.0));
         filter.offer(biased(k, 0.03));
