@@ -4,7 +4,7 @@
 demo:
     cargo run --release -- run scenarios/helix-magnetic.toml --force
 
-# Quick: format, lints, architecture, the light crates.
+# Quick: format, lints, the light crates. (Architecture and journeys are in `just test`.)
 check:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets --quiet -- -D warnings
@@ -18,12 +18,13 @@ validate:
     cargo build --release
     cargo run --release --example validate -- foundation
 
-# Benches, each beside its crate.
+# Benches, each beside its crate; then the peers in the same run, where Python has them (each script names its packages).
 bench:
-    cargo bench -p lumenav-fields
-    cargo bench -p lumenav-fusion
-    cargo bench -p lumenav-magnetic
-    cargo bench -p lumenav-scenario
+    cargo bench --workspace --bench fields
+    cargo bench --workspace --bench eskf
+    cargo bench --workspace --bench solve
+    cargo bench --workspace --bench engine
+    -for script in tests/cross/*_bench.py; do python3 "$script"; done
 
 # Makes the expected values of other programs anew (Python 3.11; each script names its pinned packages).
 cross:
