@@ -22,7 +22,7 @@
 //!
 //! (the first form near 0, the second elsewhere: near 180° the first one's terms grow and cancel).
 //!
-//! At 180° every way round is as short and the logarithm has no value. Within [`ANTIPODE_SINE`] of it the residual goes round
+//! At 180° every way round is as short and the logarithm has no value. Within `ANTIPODE_SINE` of it the residual goes round
 //! by the direction in which u lies, or by the first tangent where it lies nowhere, and the Jacobian keeps the way round
 //! alone (`∂h/∂u = -e eᵀ`): how the way round itself would turn is left out, as its derivative has no bound.
 //!
