@@ -29,8 +29,8 @@ use std::sync::Arc;
 pub const TRACKS_SCHEMA_VERSION: &str = "1";
 /// Rows that are turned into columns at once.
 const ROWS_PER_BATCH: usize = 4096;
-/// Rows of a group: what a reader loads at once.
-const ROWS_PER_GROUP: usize = 65_536;
+/// Rows of a group: what a reader loads at once, and what the writer holds in memory (about 400 bytes a row).
+pub(crate) const ROWS_PER_GROUP: usize = 8192;
 
 /// The columns.
 fn schema() -> Arc<Schema> {

@@ -5,6 +5,7 @@
 //! equal bytes; rows are written in groups as they come.
 
 use crate::error::ReportError;
+use crate::tracks::ROWS_PER_GROUP;
 use arrow::array::{Array, ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow::datatypes::{DataType, Field, Schema};
 use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver};
@@ -74,6 +75,7 @@ impl TruthObserver {
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
             .set_created_by(format!("lumenav {}", env!("CARGO_PKG_VERSION")))
+            .set_max_row_group_row_count(Some(ROWS_PER_GROUP))
             .build();
         let file = File::create(&self.path).map_err(ReportError::file("cannot create", &self.path))?;
         let writer = ArrowWriter::try_new(file, self.schema.clone(), Some(properties));
