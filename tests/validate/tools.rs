@@ -104,7 +104,13 @@ pub fn test(target: &str, name: &str) -> Result<(String, bool), String> {
         .args([name, "--nocapture"])
         .env("LUMENAV_FULL", "1")
         .current_dir(root()))?;
-    let figures: Vec<&str> = ended.stdout.lines().filter_map(|l| l.trim().strip_prefix("figure: ")).collect();
+    // The harness writes its dots into the same lines.
+    let figures: Vec<&str> = ended
+        .stdout
+        .lines()
+        .filter_map(|line| line.split_once("figure: "))
+        .map(|(_, figure)| figure)
+        .collect();
     let passed: u64 = ended.stdout.lines().filter_map(passed_in).sum();
     if passed == 0 {
         return Err(format!("no test is called `{name}`"));

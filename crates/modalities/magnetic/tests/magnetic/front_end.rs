@@ -1,8 +1,9 @@
 //! Honest or silent: a fix's error agrees with its covariance, or there is no fix and a reason.
 
 use super::support::*;
+use lumenav_core::laws::check_front_end_is_deterministic;
 use lumenav_core::pose::attitude_from_axis;
-use lumenav_core::{FixKind, FrontEnd as _, Name, Outcome, PoseEstimate, PosePrior, PriorUse, SimTime};
+use lumenav_core::{FixKind, FrontEnd, Name, Outcome, PoseEstimate, PosePrior, PriorUse, SimTime};
 use lumenav_magnetic::channels::MagnetPose;
 use lumenav_magnetic::config::{Installed, OptionsTable};
 use lumenav_magnetic::front_end::MagneticFrontEnd;
@@ -359,4 +360,28 @@ fn law_random_arrays_with_random_losses_are_nearly_always_honest_or_refused() {
 /// `LUMENAV_FULL=1` runs more.
 fn stress_draws() -> u64 {
     if std::env::var("LUMENAV_FULL").is_ok_and(|v| v == "1") { 6000 } else { 1000 }
+}
+
+/// Same readings, same answers, also from a snapshot halfway: both front ends, cold and with a prior.
+#[test]
+fn law_front_ends_are_deterministic() {
+    let installed = Installed::from_node(&node(PLAIN), &setup([0.0; 3])).unwrap();
+    let pose = |k: u64| Isometry3::translation(0.01 * k as f64, -0.02, 0.2);
+    let readings: Vec<_> = (0..8)
+        .map(|k| reading(&installed.array, with_noise(&installed, &pose(k), "deterministic", k)))
+        .collect();
+    for options in ["front_end = \"pose\"", "front_end = \"flux\""] {
+        let build = || -> Box<dyn FrontEnd> { Box::new(front_end(&installed, options)) };
+        let prior = PosePrior {
+            at: SimTime::ZERO,
+            pose: PoseEstimate {
+                world_from_capsule: pose(3),
+                covariance: nalgebra::Matrix6::identity() * 1e-2,
+                kind: FixKind::Full,
+            },
+        };
+        for prior in [None, Some(&prior)] {
+            check_front_end_is_deterministic(&build, &readings, prior).unwrap();
+        }
+    }
 }
