@@ -315,32 +315,48 @@ fn law_the_very_same_run_is_not_computed_again() {
     assert_eq!(manifest.random_streams_version, 1);
 }
 
+/// A replay of saved readings gives the run's tracks to the last byte: on time, late and lossy, and out of order.
 #[test]
 fn law_saved_readings_replay_to_the_same_tracks() {
-    let folder = scratch();
-    let out = folder.path().join("run");
-    Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).arg("--save-readings").ok();
-    let replay = folder.path().join("replay.toml");
-    let text = format!(
-        "[scenario]\nname = \"again\"\n[capsule]\nmodel = \"pillcam-magnet\"\n[[sensor]]\nname = \"plane\"\nmodality = \
-         \"magnetic\"\n[sensor.installed]\narray = \"plane-4x4-below\"\n[sensor.files]\nflux_csv = \
-         \"{}\"\n[[track]]\nname = \"magnetic\"\nsensors = [\"plane\"]\n[track.filter]\nkind = \"none\"\n",
-        out.join("readings/plane.csv").display()
-    );
-    std::fs::write(&replay, text).expect("a scratch file");
-    let again = folder.path().join("again");
-    let output = lumenav()
-        .args(["replay"])
-        .arg(&replay)
-        .arg("--out")
-        .arg(&again)
-        .arg("--models")
-        .arg(root().join("models"))
-        .output()
-        .expect("the program starts");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let track = |at: &Path| std::fs::read(at.join("magnetic.tum")).expect("a track");
-    assert!(track(&out) == track(&again), "a replay of saved readings gives another track");
+    let delay = "fault=[{kind=\"delay\", sensor=\"plane\", start_s=0.5, end_s=1.0, delay_ms=500}]";
+    for settings in [
+        &[][..],
+        &["sensor.plane.schedule.latency_ms=30", "sensor.plane.schedule.loss=0.2"],
+        &[delay, "track.magnetic-eskf.filter.lag_s=0.3"],
+    ] {
+        let folder = scratch();
+        let out = folder.path().join("run");
+        let mut run = Run::new(&root().join("scenarios/smoke/helix.toml")).out(&out).arg("--save-readings");
+        for setting in settings {
+            run = run.arg("--set").arg(setting);
+        }
+        run.ok();
+        let lag = if settings.len() == 2 && settings[0] == delay { "lag_s = 0.3\n" } else { "" };
+        let text = format!(
+            "[scenario]\nname = \"again\"\n[capsule]\nmodel = \"pillcam-magnet\"\n[[sensor]]\nname = \"plane\"\nmodality = \
+             \"magnetic\"\n[sensor.installed]\narray = \"plane-4x4-below\"\n[sensor.files]\nflux_csv = \
+             \"run/readings/plane.csv\"\n[[track]]\nname = \"magnetic\"\nsensors = [\"plane\"]\n[track.filter]\nkind = \
+             \"none\"\n[[track]]\nname = \"magnetic-eskf\"\nsensors = [\"plane\"]\n[track.filter]\nkind = \
+             \"eskf\"\n{lag}[track.sensor.plane]\nfront_end = \"flux\"\n"
+        );
+        let replay = folder.path().join("replay.toml");
+        std::fs::write(&replay, text).expect("a scratch file");
+        let again = folder.path().join("again");
+        let output = lumenav()
+            .arg("replay")
+            .arg(&replay)
+            .arg("--out")
+            .arg(&again)
+            .arg("--models")
+            .arg(root().join("models"))
+            .output()
+            .expect("the program starts");
+        assert!(output.status.success(), "{settings:?}: {}", String::from_utf8_lossy(&output.stderr));
+        for name in ["magnetic.tum", "magnetic-eskf.tum"] {
+            let track = |at: &Path| std::fs::read(at.join(name)).expect("a track");
+            assert!(track(&out) == track(&again), "{settings:?}: {name} is another");
+        }
+    }
 }
 
 #[test]
@@ -415,7 +431,8 @@ fn law_an_export_never_touches_the_run() {
     assert!(complained(&export, 1).contains("tracks.parquet exists already"));
     said(&[&export[..], &["--force"]].concat());
     assert!(std::fs::read(to.join("tracks.parquet")).expect("exported") == before.0);
-    assert_eq!(std::fs::read_dir(&to).expect("exported").count(), 1);
+    // The tracks and the truth, and nothing half-written beside them.
+    assert_eq!(std::fs::read_dir(&to).expect("exported").count(), 2);
 }
 
 #[test]

@@ -21,6 +21,8 @@ pub struct Row {
     pub threshold: String,
     /// Whether it holds.
     pub pass: bool,
+    /// Processor and cores.
+    pub machine: String,
 }
 
 /// What a measurement says: the figure in words and whether it holds; an error where it could not be made.
@@ -29,7 +31,6 @@ pub type Outcome = Result<(String, bool), String>;
 #[derive(Serialize, Deserialize)]
 struct Document {
     schema: u32,
-    machine: String,
     rows: Vec<Row>,
 }
 
@@ -39,6 +40,7 @@ pub struct Sheet {
     words: Vec<String>,
     commit: String,
     rows: Vec<Row>,
+    measured: Vec<String>,
 }
 
 impl Sheet {
@@ -53,7 +55,7 @@ impl Sheet {
             }
             Err(_) => Vec::new(),
         };
-        Ok(Self { path, words, commit: super::tools::commit(), rows })
+        Ok(Self { path, words, commit: super::tools::commit(), rows, measured: Vec::new() })
     }
 
     /// Measures a row, unless the words leave it out, and writes the sheet.
@@ -74,7 +76,9 @@ impl Sheet {
             figure,
             threshold: threshold.to_owned(),
             pass,
+            machine: super::tools::machine(),
         };
+        self.measured.push(line.to_owned());
         match self.rows.iter_mut().find(|old| old.line == line) {
             Some(old) => *old = row,
             None => self.rows.push(row),
@@ -85,7 +89,7 @@ impl Sheet {
     }
 
     fn write(&self) -> Result<(), String> {
-        let document = Document { schema: 1, machine: super::tools::machine(), rows: self.rows.clone() };
+        let document = Document { schema: 1, rows: self.rows.clone() };
         let text = serde_json::to_string_pretty(&document).map_err(|e| e.to_string())? + "\n";
         let part = self.path.with_extension("json.part");
         std::fs::write(&part, text).map_err(|e| format!("{}: {e}", part.display()))?;
@@ -93,7 +97,12 @@ impl Sheet {
     }
 
     /// Writes the sheet; how many rows of it do not pass.
-    pub fn close(self) -> Result<usize, String> {
+    pub fn close(mut self) -> Result<usize, String> {
+        // A whole run leaves no row behind that nobody measures any more.
+        if self.words.is_empty() {
+            let measured = std::mem::take(&mut self.measured);
+            self.rows.retain(|row| measured.contains(&row.line));
+        }
         self.write()?;
         Ok(self.rows.iter().filter(|row| !row.pass).count())
     }

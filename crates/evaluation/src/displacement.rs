@@ -22,12 +22,16 @@ pub enum Span {
     Metres(f64),
 }
 
+/// A pair of instants further apart than this many spans of time lies across a gap and is no figure of the span.
+const LONGEST_SPANS: f64 = 1.5;
+
 /// Rounding of time stamps: a pair of instants one span apart is not lost to the last bit.
 const STAMP_ROUNDING_S: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy)]
 struct Open {
     from_s: f64,
+    last_s: f64,
     truth_m: Vector3<f64>,
     estimate_m: Vector3<f64>,
     path_m: f64,
@@ -51,13 +55,23 @@ impl DisplacementErrors {
         Self { span, open: None, errors_m: Quantiles::new(), total_error_m, total_path_m }
     }
 
-    /// Takes an instant (s, increasing) with the positions of estimate and truth in the world, m.
+    /// Takes an instant (s; one that is not later than the last is passed over) with the positions of estimate and truth in the world, m.
     pub fn push(&mut self, at_s: f64, estimate_m: Vector3<f64>, truth_m: Vector3<f64>) {
-        let start = Open { from_s: at_s, truth_m, estimate_m, path_m: 0.0, last_truth_m: truth_m };
+        let start =
+            Open { from_s: at_s, last_s: at_s, truth_m, estimate_m, path_m: 0.0, last_truth_m: truth_m };
         let Some(open) = &mut self.open else {
             self.open = Some(start);
             return;
         };
+        // An instant of the past: a late reading of a track without a filter.
+        if at_s <= open.last_s {
+            return;
+        }
+        open.last_s = at_s;
+        if matches!(self.span, Span::Seconds(span) if at_s - open.from_s > LONGEST_SPANS * span) {
+            self.open = Some(start);
+            return;
+        }
         open.path_m += (truth_m - open.last_truth_m).norm();
         open.last_truth_m = truth_m;
         let reached = match self.span {

@@ -67,11 +67,15 @@ impl CompensatedSum {
     }
 }
 
+/// Values of a block: a growing vector would hold up to twice what it needs.
+const BLOCK: usize = 4096;
+
 /// Collects one scalar error over a run; see the module for the rules.
 #[derive(Debug, Clone, Default)]
 pub struct Quantiles {
-    values: Vec<f64>,
-    unsorted: bool,
+    /// In ascending order; what has come since the last question waits in the blocks.
+    sorted: Vec<f64>,
+    blocks: Vec<Vec<f64>>,
     sum: CompensatedSum,
     sum_of_squares: CompensatedSum,
     rejected: usize,
@@ -89,15 +93,20 @@ impl Quantiles {
             self.rejected += 1;
             return;
         }
-        self.unsorted = true;
-        self.values.push(value);
+        if self.blocks.last().is_none_or(|block| block.len() == BLOCK) {
+            self.blocks.push(Vec::with_capacity(BLOCK));
+        }
+        // There is a last block now.
+        if let Some(block) = self.blocks.last_mut() {
+            block.push(value);
+        }
         self.sum.add(value);
         self.sum_of_squares.add(value * value);
     }
 
     /// How many values the figures rest on.
     pub fn count(&self) -> usize {
-        self.values.len()
+        self.sorted.len() + self.blocks.iter().map(Vec::len).sum::<usize>()
     }
 
     /// How many values were rejected as not finite.
@@ -107,18 +116,20 @@ impl Quantiles {
 
     /// Arithmetic mean; `None` without values.
     pub fn mean(&self) -> Option<f64> {
-        (!self.values.is_empty()).then(|| self.sum.value() / self.values.len() as f64)
+        let count = self.count();
+        (count > 0).then(|| self.sum.value() / count as f64)
     }
 
     /// Root of the mean square; `None` without values.
     pub fn rmse(&self) -> Option<f64> {
-        (!self.values.is_empty()).then(|| (self.sum_of_squares.value() / self.values.len() as f64).sqrt())
+        let count = self.count();
+        (count > 0).then(|| (self.sum_of_squares.value() / count as f64).sqrt())
     }
 
     /// The quantile of probability `p`, 0 to 1 (outside of it: clamped); `None` without values.
     pub fn quantile(&mut self, p: f64) -> Option<f64> {
         self.sort();
-        quantile_of_sorted(&self.values, p)
+        quantile_of_sorted(&self.sorted, p)
     }
 
     /// The five figures; `None` without values.
@@ -135,8 +146,8 @@ impl Quantiles {
     /// Share of the values that are at most `threshold`, 0 to 1; `None` without values.
     pub fn share_within(&mut self, threshold: f64) -> Option<f64> {
         self.sort();
-        let within = self.values.partition_point(|value| *value <= threshold);
-        (!self.values.is_empty()).then(|| within as f64 / self.values.len() as f64)
+        let within = self.sorted.partition_point(|value| *value <= threshold);
+        (!self.sorted.is_empty()).then(|| within as f64 / self.sorted.len() as f64)
     }
 
     /// The cumulative distribution at `points` equal steps of probability from 0 to 1, as `(value,
@@ -149,15 +160,18 @@ impl Quantiles {
         (0..points)
             .filter_map(|i| {
                 let p = i as f64 / (points - 1) as f64;
-                quantile_of_sorted(&self.values, p).map(|value| (value, p))
+                quantile_of_sorted(&self.sorted, p).map(|value| (value, p))
             })
             .collect()
     }
 
     fn sort(&mut self) {
-        if self.unsorted {
-            self.values.sort_unstable_by(f64::total_cmp);
-            self.unsorted = false;
+        if !self.blocks.is_empty() {
+            self.sorted.reserve_exact(self.count() - self.sorted.len());
+            for block in std::mem::take(&mut self.blocks) {
+                self.sorted.extend(block);
+            }
+            self.sorted.sort_unstable_by(f64::total_cmp);
         }
     }
 }

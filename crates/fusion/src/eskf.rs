@@ -67,7 +67,7 @@ struct Stage {
 #[derive(Clone, Copy, Default)]
 struct Streak {
     refused_in_a_row: u32,
-    /// When it was last accepted and spoke about the position; `None` once it is refused again.
+    /// When it was last accepted and spoke about the position.
     vouched_at: Option<SimTime>,
 }
 
@@ -311,10 +311,12 @@ impl Eskf {
             return None;
         }
         streak.refused_in_a_row = streak.refused_in_a_row.saturating_add(1);
-        streak.vouched_at = None;
         let count = streak.refused_in_a_row;
         let since = measurement.at - nanoseconds(self.options.lag_s.0);
-        let vouched = self.stage.streaks.values().any(|other| other.vouched_at.is_some_and(|at| at >= since));
+        // One refusal of a good sensor does not take back what it has vouched for within the lag.
+        let vouches = |other: &Streak| other.vouched_at.is_some_and(|at| at >= since);
+        let mut others = self.stage.streaks.iter().filter(|(name, _)| **name != measurement.sensor);
+        let vouched = others.any(|(_, other)| vouches(other));
         (count >= self.reacquire_after() && !vouched)
             .then(|| format!("{count} measurements in a row of sensor `{}` were refused", measurement.sensor))
     }
@@ -427,7 +429,10 @@ impl Filter for Eskf {
     }
 
     fn predicted_estimate(&self, at: SimTime) -> Option<PublishedEstimate> {
-        self.belief_at(at).map(|belief| self.published(&belief))
+        let belief = self.belief_at(at)?;
+        // What is known no better than this is no estimate: the next measurement starts anew.
+        let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
+        (!vague).then(|| self.published(&belief))
     }
 
     fn estimate(&self) -> Option<PublishedEstimate> {

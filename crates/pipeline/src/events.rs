@@ -61,8 +61,6 @@ pub enum SceneOwner {
     World,
     /// `/world/sensors/<sensor>/<path>`.
     Sensor(Name),
-    /// `/world/readings/<sensor>/<path>`.
-    Reading(Name),
     /// `/world/tracks/<track>/<sensor>/<path>`: what a track's front end makes of a sensor's readings.
     Track {
         /// The track.

@@ -56,6 +56,9 @@ fn position_bound(measurement: &Measurement, truth: &CapsuleTruth) -> Option<f64
 /// Trace of the position block of the inverse, over the directions that the information speaks about: attitude directions
 /// without information (the roll about a magnet) are left out, position directions without it make the bound infinite.
 fn position_trace(information: &DMatrix<f64>) -> Option<f64> {
+    if information.nrows() < 6 || information.nrows() != information.ncols() {
+        return None;
+    }
     let scale = information.diagonal().map(|v| if v > 0.0 { 1.0 / v.sqrt() } else { 0.0 });
     let kept: Vec<usize> = (0..information.nrows())
         .filter(|i| *i < 3 || information[(*i, *i)] > 1e-9 * information.diagonal().rows(3, 3).max())

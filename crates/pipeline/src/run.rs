@@ -161,7 +161,6 @@ pub fn replay(
         let judge_with = |at: SimTime| truth.and_then(|truth| truth(at));
         feed(&mut tracks, &reading, &judge_with, None, observers)?;
     }
-    observers.tell(&RunEvent::Clock { at: summary.ended_at })?;
     observers.finish()?;
     summary.counters = counters(&tracks);
     Ok(summary)

@@ -8,7 +8,7 @@
 //! | `/world/capsule/truth` | true pose with the capsule's solid and axes |
 //! | `/world/capsule/path` | true path, in pieces |
 //! | `/world/sensors/<sensor>/<path>` | what a sensor draws of itself |
-//! | `/world/readings/<sensor>/<path>` | what was read |
+//! | `/world/tracks/<track>/<sensor>/<path>` | what the track's front end makes of the sensor's readings |
 //! | `/world/tracks/<track>/pose` | estimated pose with the capsule's outline |
 //! | `/world/tracks/<track>/path` | estimated path, in pieces |
 //! | `/world/tracks/<track>/covariance` | ellipsoid: 95 % region of the position |

@@ -28,15 +28,11 @@ pub(crate) fn path(owner: &SceneOwner, primitive: &Primitive) -> String {
         | Primitive::Text { path, .. } => path,
     };
     match (owner, primitive) {
-        (
-            SceneOwner::Sensor(name) | SceneOwner::Reading(name) | SceneOwner::Track { sensor: name, .. },
-            Primitive::Image { .. },
-        ) => {
+        (SceneOwner::Sensor(name) | SceneOwner::Track { sensor: name, .. }, Primitive::Image { .. }) => {
             format!("camera/{name}/{relative}")
         }
         (SceneOwner::World, _) => format!("world/{relative}"),
         (SceneOwner::Sensor(name), _) => format!("world/sensors/{name}/{relative}"),
-        (SceneOwner::Reading(name), _) => format!("world/readings/{name}/{relative}"),
         (SceneOwner::Track { track, sensor }, _) => format!("world/tracks/{track}/{sensor}/{relative}"),
     }
 }

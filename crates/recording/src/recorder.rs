@@ -406,7 +406,7 @@ impl Run {
             return Ok(());
         }
         // The picture holds what stands there from the start; readings may reach far beyond it.
-        if scene.last.is_none() && !matches!(owner, SceneOwner::Reading(_) | SceneOwner::Track { .. }) {
+        if scene.last.is_none() && !matches!(owner, SceneOwner::Track { .. }) {
             for point in primitives::extent_points_m(primitive) {
                 self.layout.include(point);
             }

@@ -11,8 +11,8 @@
 use crate::{Row, Table};
 use lumenav_core::{ModalityError, SimTime};
 
-/// Times beyond this overflow nanoseconds in 64 bits, s.
-pub const MAX_TIME_S: f64 = 9e9;
+/// Times beyond this are refused, s: the difference of two must fit nanoseconds in 64 bits (Unix times do).
+pub const MAX_TIME_S: f64 = 4e9;
 
 /// Indices of the columns.
 #[derive(Clone, Copy, Debug)]

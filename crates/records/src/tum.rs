@@ -44,7 +44,7 @@ fn parse_row(text: &str) -> Result<(SimTime, Isometry3<f64>), String> {
             return Err(format!("`{cell}` is not finite"));
         }
     }
-    if v[0].abs() > 9e9 {
+    if v[0].abs() > crate::place::MAX_TIME_S {
         return Err(format!("time {} s is out of range", v[0]));
     }
     let quaternion = Quaternion::new(v[7], v[4], v[5], v[6]);

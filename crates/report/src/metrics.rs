@@ -3,8 +3,8 @@
 //! Keys are stable (schema 1); a figure that does not exist (no truth, no roll, no filter) is `null`. No wall times: equal
 //! runs give equal files. Memory: 8 bytes per update and figure with quantiles, everything else is sums.
 //!
-//! *Availability* is the share of the truth's instants (in a replay: of the clock's) at which the track's last estimate is at
-//! most [`FRESH_S`] old. *Latency* is the time between the instant an estimate is about and the one at which it was available.
+//! *Availability* is the share of the truth's instants (in a replay: of the clock's) at which the last estimate that a measurement
+//! has entered is at most [`FRESH_S`] old. *Latency* is the time between the instant an estimate is about and the one at which it was available.
 //! *Errors* and *NEES* are taken at every published estimate, the predictions at refused measurements included: a filter does
 //! not look better by refusing what it got wrong. *NIS* includes what the gate refused. Both as in
 //! `lumenav_evaluation::consistency`; NEES with the degrees of freedom that most of the estimates had. The bound (and RMSE
@@ -208,8 +208,11 @@ impl Collector {
         let estimate = update.estimate;
         self.updates += u64::from(update.accepted);
         self.starts += u64::from(update.started);
-        self.last_estimate = self.last_estimate.max(Some(estimate.at));
-        self.first_available.get_or_insert(estimate.available);
+        // A prediction that stands in for a refused measurement is judged, but nobody has seen the capsule.
+        if update.accepted {
+            self.last_estimate = self.last_estimate.max(Some(estimate.at));
+            self.first_available.get_or_insert(estimate.available);
+        }
         self.latency_ms.push(1e3 * estimate.available.since_s(estimate.at));
         if let Some((nis, dof)) = update.nis {
             self.innovation(nis, dof)?;

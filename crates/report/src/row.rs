@@ -103,9 +103,10 @@ impl TrackRow {
         if let Some(error) = update.error {
             let mm = 1e3 * error.position_world_m;
             row.set("error_x_mm", &[mm.x, mm.y, mm.z, mm.norm()]);
+            // The degrees of freedom stand there without a value where the covariance gave none.
+            row.nees_dof = u8::try_from(error.nees_degrees_of_freedom).ok().filter(|dof| *dof > 0);
             if let Some(nees) = error.nees {
                 row.set("nees", &[nees]);
-                row.nees_dof = u8::try_from(error.nees_degrees_of_freedom).ok();
             }
             for (name, value) in [
                 ("heading_error_deg", error.heading_rad.map(f64::to_degrees)),

@@ -10,7 +10,7 @@ use crate::error::ReportError;
 use crate::file::OutputFile;
 use crate::metrics::{Metrics, TrackMetrics};
 use crate::tracks::for_each_track_row;
-use lumenav_core::{RandomStream, RandomStreams};
+use lumenav_core::RandomStreams;
 use lumenav_evaluation::EvaluationError;
 use lumenav_evaluation::chi_square::Band;
 use lumenav_evaluation::consistency::across_runs::{AcrossRunsSummary, NeesAcrossRuns};
@@ -159,7 +159,8 @@ impl TrialsCollector {
         let mut rows: BTreeMap<String, Vec<Judged>> = BTreeMap::new();
         for_each_track_row(path, |row| {
             if let Some(error_mm) = row.number("error_mm") {
-                let nees = row.nees_dof.map(usize::from).zip(row.number("nees"));
+                // Without a value the covariance was none: it counts as uncovered.
+                let nees = row.nees_dof.map(|dof| (usize::from(dof), row.number("nees").unwrap_or(f64::NAN)));
                 rows.entry(row.track.to_string()).or_default().push(Judged {
                     t_ns: row.t_ns,
                     error_mm,
@@ -167,6 +168,9 @@ impl TrialsCollector {
                 });
             }
         })?;
+        for rows in rows.values_mut() {
+            one_per_instant(rows);
+        }
         for (name, rows) in &rows {
             let track = self.tracks.entry(name.clone()).or_default();
             track.take_nees(rows).map_err(metrics_error(name))?;
@@ -192,31 +196,32 @@ impl TrialsCollector {
     /// # Errors
     /// [`ReportError::Metrics`] where a statistic cannot be formed.
     pub fn finish(self) -> Result<Trials, ReportError> {
-        // A stream of its own: the intervals depend on the figures alone.
-        let mut random = RandomStreams::new(0, 0, "trials").stream("bootstrap", 0);
+        // A stream for each track and pair: their intervals depend on their own figures alone.
+        let random = RandomStreams::new(0, 0, "trials");
         let settings = BootstrapSettings::default();
-        let mut interval = |values: Vec<f64>| {
-            // One trial has a mean but no interval: nothing is claimed of it.
-            if values.len() < 2 {
-                Ok(None)
-            } else {
-                mean_with_interval(&values, &settings, &mut random).map(Some)
-            }
-        };
         let mut tracks = BTreeMap::new();
         for (name, collected) in &self.tracks {
+            let mut stream = random.for_component(name).stream("bootstrap", 0);
+            let mut interval = |values: Vec<f64>| {
+                // One trial has a mean but no interval: nothing is claimed of it.
+                if values.len() < 2 {
+                    Ok(None)
+                } else {
+                    mean_with_interval(&values, &settings, &mut stream).map(Some)
+                }
+            };
             let figures = collected.figures(&mut interval).map_err(metrics_error(name))?;
             tracks.insert(name.clone(), figures);
         }
         let (scenario, seed) = self.first.clone().unwrap_or_default();
-        let comparisons = self.comparisons(&settings, &mut random)?;
+        let comparisons = self.comparisons(&settings, &random)?;
         Ok(Trials { schema: 1, scenario, seed, trials: self.seen, failed: self.failed, tracks, comparisons })
     }
 
     fn comparisons(
         &self,
         settings: &BootstrapSettings,
-        random: &mut RandomStream,
+        random: &RandomStreams,
     ) -> Result<Vec<PairOfTracks>, ReportError> {
         let mut family = Vec::new();
         for ((first, second), trials) in &self.pairs {
@@ -225,7 +230,8 @@ impl TrialsCollector {
                 (0..).zip(trials.values().map(choose)).collect()
             };
             let (a, b) = (of(|means| means.0), of(|means| means.1));
-            match compare_paired((first, &a), (second, &b), settings, random) {
+            let mut stream = random.for_component(&format!("{first}/{second}")).stream("bootstrap", 0);
+            match compare_paired((first, &a), (second, &b), settings, &mut stream) {
                 Ok(comparison) => family.push(comparison),
                 // Too few common trials to compare: there is no such row.
                 Err(EvaluationError::TooFew { .. }) => {}
@@ -246,6 +252,15 @@ impl TrialsCollector {
             })
             .collect())
     }
+}
+
+/// In order of time, and of several rows about one instant (two sensors at once, a late reading) the last: one run counts once at
+/// an instant.
+fn one_per_instant(rows: &mut Vec<Judged>) {
+    rows.sort_by_key(|row| row.t_ns);
+    rows.reverse();
+    rows.dedup_by_key(|row| row.t_ns);
+    rows.reverse();
 }
 
 /// Mean errors of two tracks over the instants at which both were judged; both lists are in order of time.
@@ -297,13 +312,15 @@ impl Collected {
         interval: &mut impl FnMut(Vec<f64>) -> Result<Option<MeanInterval>, EvaluationError>,
     ) -> Result<TrialsOfTrack, EvaluationError> {
         let all = |f: fn(&ScalarSummary) -> f64| -> Vec<f64> { self.errors.values().map(f).collect() };
-        let nees = self.nees.as_ref().map(|nees| -> Result<NeesOverTrials, EvaluationError> {
-            Ok(NeesOverTrials {
-                across: nees.summary()?,
-                share_within_085_125: nees.share_of_steps_within(NONLINEAR_BAND).unwrap_or(0.0),
-            })
-        });
-        let nees = nees.transpose()?;
+        let nees = match self.nees.as_ref().map(|nees| (nees, nees.summary())) {
+            Some((nees, Ok(across))) => {
+                let share_within_085_125 = nees.share_of_steps_within(NONLINEAR_BAND).unwrap_or(0.0);
+                Some(NeesOverTrials { across, share_within_085_125 })
+            }
+            // No covariance of this track gave a value.
+            None | Some((_, Err(EvaluationError::TooFew { .. }))) => None,
+            Some((_, Err(error))) => return Err(error),
+        };
         let n = self.availability.len() as f64;
         let availability = (!self.availability.is_empty()).then(|| Availability {
             mean: self.availability.iter().sum::<f64>() / n,

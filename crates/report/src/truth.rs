@@ -1,7 +1,7 @@
 //! `truth.parquet`: the capsule's true motion at the rate of `[record]`, with what a TUM file cannot hold: velocity, the place
 //! along the tract, the segment, the wall's force.
 //!
-//! Columns that do not apply (no tract, no segment) are null. Units are in the fields' metadata (key `unit`). Equal runs give
+//! Columns that do not apply (no tract, no segment) are null; a world without a wall pushes with 0 N. Units are in the fields' metadata (key `unit`). Equal runs give
 //! equal bytes; rows are written in groups as they come.
 
 use crate::error::ReportError;
@@ -62,13 +62,14 @@ pub struct TruthObserver {
     schema: Arc<Schema>,
     writer: Option<ArrowWriter<File>>,
     waiting: Vec<Row>,
+    last: Option<i64>,
 }
 
 impl TruthObserver {
     /// The file goes into `folder`, which exists.
     pub fn new(folder: &Path) -> Self {
         let waiting = Vec::with_capacity(ROWS_PER_BATCH);
-        Self { path: folder.join("truth.parquet"), schema: schema(), writer: None, waiting }
+        Self { path: folder.join("truth.parquet"), schema: schema(), writer: None, waiting, last: None }
     }
 
     fn open(&mut self) -> Result<(), ReportError> {
@@ -118,6 +119,11 @@ impl RunObserver for TruthObserver {
 
     fn on(&mut self, event: &RunEvent<'_>) -> Result<(), ObserverError> {
         let RunEvent::Truth(truth) = event else { return Ok(()) };
+        // Two sensors of a replay ask about the same instants.
+        if self.last.is_some_and(|last| truth.at.0 <= last) {
+            return Ok(());
+        }
+        self.last = Some(truth.at.0);
         let (p, q) = (truth.world_from_capsule.translation.vector, truth.world_from_capsule.rotation.coords);
         let (v, w) = (truth.velocity_world_m_s, truth.angular_rate_capsule_rad_s);
         let mut numbers = [None; NUMBERS.len()];

@@ -20,6 +20,9 @@ struct Content {
 
 /// Exports a run.
 pub fn export(options: &ExportOptions, verbosity: Verbosity) -> anyhow::Result<()> {
+    if options.format == ExportFormat::Parquet && options.track.is_some() {
+        bail!("--format parquet copies whole tables; --track goes with tum, kitti, csv and mcap");
+    }
     let content = read(options)?;
     refuse_inside_the_run(options)?;
     let files = planned(&content, options);
@@ -32,7 +35,9 @@ pub fn export(options: &ExportOptions, verbosity: Verbosity) -> anyhow::Result<(
         .with_context(|| format!("cannot create {}", options.out.display()))?;
     match options.format {
         ExportFormat::Parquet => {
-            copy(&options.run.join("tracks.parquet"), &in_out(options, "tracks", "parquet"))?;
+            for name in tables(options) {
+                copy(&options.run.join(format!("{name}.parquet")), &in_out(options, name, "parquet"))?;
+            }
         }
         ExportFormat::Mcap => mcap(&content, options)?,
         ExportFormat::Csv => {
@@ -102,13 +107,19 @@ fn planned(content: &Content, options: &ExportOptions) -> Vec<PathBuf> {
     let truth = content.truth.as_ref().map(|_| "truth");
     let tracks = || content.tracks.keys().map(|name| stem(name));
     let (names, ending): (Vec<&str>, &str) = match options.format {
-        ExportFormat::Parquet => (vec!["tracks"], "parquet"),
+        ExportFormat::Parquet => (tables(options), "parquet"),
         ExportFormat::Mcap => (vec!["run"], "mcap"),
         ExportFormat::Csv => (content.tracks.keys().map(String::as_str).collect(), "csv"),
         ExportFormat::Tum => (truth.into_iter().chain(tracks()).collect(), "tum"),
         ExportFormat::Kitti => (truth.into_iter().chain(tracks()).collect(), "kitti"),
     };
     names.into_iter().map(|name| in_out(options, name, ending)).collect()
+}
+
+/// The tables of a run: the tracks', and the truth's where there is one.
+fn tables(options: &ExportOptions) -> Vec<&'static str> {
+    let truth = options.run.join("truth.parquet").is_file().then_some("truth");
+    ["tracks"].into_iter().chain(truth).collect()
 }
 
 /// A track called like the truth's file must not replace it.

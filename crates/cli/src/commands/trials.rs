@@ -2,7 +2,8 @@
 //!
 //! Trial k is the same alone or among others, so that trials that were stopped go on with the same command: those whose
 //! folders hold the very same run are used again, the others are computed. A folder with other trials in it is refused, or
-//! with `--force` removed as a whole before the first trial: old and new trials never stand side by side.
+//! with `--force` put aside as a whole before the first trial and removed when the new ones stand: old and new trials never stand
+//! side by side.
 
 use super::run::Job;
 use crate::args::Verbosity;
@@ -60,7 +61,7 @@ fn prepare(job: &Job<'_>, out: &Path) -> anyhow::Result<()> {
     }
     check_replaceable(out)?;
     if job.options.force {
-        return std::fs::remove_dir_all(out).with_context(|| format!("cannot remove {}", out.display()));
+        return put_aside(out);
     }
     let refuse = |why: &str| -> anyhow::Result<()> {
         bail!("{} {why}; give another --out, or --force to replace it", out.display())
@@ -94,6 +95,21 @@ fn prepare(job: &Job<'_>, out: &Path) -> anyhow::Result<()> {
     }
     complain!("{} holds trials of this very run; those that are finished are used again", out.display());
     Ok(())
+}
+
+/// Where the trials that `--force` replaces wait until the new ones stand.
+fn aside(out: &Path) -> PathBuf {
+    let name = out.file_name().unwrap_or_default().to_string_lossy();
+    out.with_file_name(format!(".{name}.replaced"))
+}
+
+/// Renames what is to be replaced; it is removed when the new trials stand, and kept where they fail.
+fn put_aside(out: &Path) -> anyhow::Result<()> {
+    let aside = aside(out);
+    if aside.exists() {
+        std::fs::remove_dir_all(&aside).with_context(|| format!("cannot remove {}", aside.display()))?;
+    }
+    std::fs::rename(out, &aside).with_context(|| format!("cannot put {} aside", out.display()))
 }
 
 /// One trial: read where it is finished, else computed.
@@ -135,6 +151,10 @@ fn finish(
     } else if done > 0 {
         let trials = collector.finish()?;
         write_trials(out, &trials)?;
+        let old = aside(out);
+        if old.exists() {
+            std::fs::remove_dir_all(&old).with_context(|| format!("cannot remove {}", old.display()))?;
+        }
         print_trials(&trials, out, job.options.json, verbosity)?;
     }
     match failures.into_iter().next() {

@@ -34,6 +34,8 @@ pub struct AcrossRunsSummary {
     pub share_above_95: f64,
     /// Share of steps below it.
     pub share_below_95: f64,
+    /// Updates whose covariance gave no NEES: they are in no band and in no region.
+    pub unusable: usize,
     /// Share of all updates with the truth in the 50 % credible region.
     pub coverage_50: f64,
     /// Share of all updates with the truth in the 90 % credible region.
@@ -54,6 +56,7 @@ pub struct NeesAcrossRuns {
     regions: BTreeMap<usize, [f64; 3]>,
     /// How many updates lie inside each.
     covered: [usize; 3],
+    unusable: usize,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -76,8 +79,14 @@ impl NeesAcrossRuns {
     /// # Errors
     /// `dof` is zero.
     pub fn new(dof: usize) -> Result<Self, EvaluationError> {
-        let mut collection =
-            Self { dof, runs: 0, steps: BTreeMap::new(), regions: BTreeMap::new(), covered: [0; 3] };
+        let mut collection = Self {
+            dof,
+            runs: 0,
+            steps: BTreeMap::new(),
+            regions: BTreeMap::new(),
+            covered: [0; 3],
+            unusable: 0,
+        };
         collection.regions_of(dof)?;
         Ok(collection)
     }
@@ -92,8 +101,8 @@ impl NeesAcrossRuns {
         Ok(regions)
     }
 
-    /// Takes the steps of one run with their NEES; a value that is not finite stands for a step without estimate, runs may
-    /// differ in length. Runs must come in the order of their trials, so that sums do not depend on threads.
+    /// Takes the steps of one run with their NEES; a value that is not finite stands for a covariance that gave none: it is
+    /// counted as unusable and covers nothing. Runs may differ in length. Runs must come in the order of their trials, so that sums do not depend on threads.
     pub fn push_run(&mut self, steps: impl IntoIterator<Item = (i64, f64)>) {
         let dof = self.dof;
         // Fails only for zero degrees of freedom, which `new` has refused.
@@ -119,6 +128,8 @@ impl NeesAcrossRuns {
                 for (covered, region) in self.covered.iter_mut().zip(regions) {
                     *covered += usize::from(value <= region);
                 }
+            } else {
+                self.unusable += 1;
             }
         }
         Ok(())
@@ -174,9 +185,10 @@ impl NeesAcrossRuns {
             share_inside_95: share(steps - above - below),
             share_above_95: share(above),
             share_below_95: share(below),
-            coverage_50: self.covered[0] as f64 / count as f64,
-            coverage_90: self.covered[1] as f64 / count as f64,
-            coverage_95: self.covered[2] as f64 / count as f64,
+            unusable: self.unusable,
+            coverage_50: self.covered[0] as f64 / (count + self.unusable) as f64,
+            coverage_90: self.covered[1] as f64 / (count + self.unusable) as f64,
+            coverage_95: self.covered[2] as f64 / (count + self.unusable) as f64,
         })
     }
 }
@@ -204,11 +216,9 @@ mod tests {
             (0.5, 0.5, 0.0)
         );
         assert_relative_eq!(summary.mean_per_dof, 46.0 / 6.0);
-        // Regions of 2 dof end at -2 ln(1 - p): 1.39, 4.61, 5.99.
-        assert_eq!(
-            (summary.coverage_50, summary.coverage_90, summary.coverage_95),
-            (0.0, 2.0 / 3.0, 2.0 / 3.0)
-        );
+        // Regions of 2 dof end at -2 ln(1 - p): 1.39, 4.61, 5.99; the unusable one is in none.
+        assert_eq!((summary.coverage_50, summary.coverage_90, summary.coverage_95), (0.0, 0.5, 0.5));
+        assert_eq!(summary.unusable, 1);
         assert!(NeesAcrossRuns::new(0).is_err());
         assert_eq!(runs.share_of_steps_within(Band { lower: 0.85, upper: 1.6 }), Some(0.5));
     }

@@ -121,18 +121,21 @@ struct Output {
     schema: Arc<Schema>,
     bad_rows: BadRows,
     sequence: u64,
-    last: Option<SimTime>,
+    last: Option<(SimTime, Option<u64>)>,
 }
 
 impl Output {
-    /// Takes the next reading's place in; readings must come in order of arrival, and of two at one time only one.
+    /// Takes the next reading's place in: readings come in order of arrival, and of two that arrive at once (one of them
+    /// late) the file must give the order by their counts.
     fn advance(&mut self, place: &Place) -> Result<(), String> {
-        let late = place.arrival > place.interval.1;
-        let (at, last) = (place.arrival, self.last);
-        if last.is_some_and(|last| at < last || (at == last && !late)) {
-            return Err(format!("time {} s does not increase", at.seconds()));
+        let at = place.arrival;
+        if let Some((last, sequence)) = self.last {
+            let in_order = at > last || (at == last && place.sequence > sequence && sequence.is_some());
+            if !in_order {
+                return Err(format!("time {} s does not increase", at.seconds()));
+            }
         }
-        self.last = Some(at);
+        self.last = Some((at, place.sequence));
         Ok(())
     }
 
