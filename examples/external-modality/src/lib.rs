@@ -35,7 +35,7 @@ pub struct RealityTable {
     pub speed_ratio: Finite,
 }
 
-/// `[track.options]`: what the estimator may choose.
+/// `[track.sensor.<name>]`: what the estimator may choose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptionsTable {

@@ -43,7 +43,11 @@ pub fn run(options: &RunOptions, registry: &Registry, verbosity: Verbosity) -> a
         }
         return Ok(());
     }
-    let out = options.out.clone().unwrap_or_else(|| default_folder(&file, seed));
+    let out = options.out.clone().unwrap_or_else(|| {
+        let folder = default_folder(&file, seed);
+        // Trials beside the single run, not in its way.
+        if options.trials > 1 { folder.with_added_extension("trials") } else { folder }
+    });
     let stop = stop_on_ctrl_c();
     // A recording per trial would fill a disk: trials keep numbers, a single run keeps pictures.
     let record = if options.trials > 1 { Record::None } else { options.record };
