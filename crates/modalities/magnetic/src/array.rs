@@ -199,6 +199,11 @@ impl Places<'_> {
             let message = format!("a sensor more than {MAX_DISTANCE_M} m from the array's origin");
             return Err(entry.error(self.file, None, &message));
         }
+        // An angle of 1e308 degrees overflows; no number of it is a direction.
+        if (pose.rotation.norm() - 1.0).abs().partial_cmp(&1e-9) != Some(std::cmp::Ordering::Less) {
+            let message = "a rotation too large to be one; give degrees within a few turns";
+            return Err(entry.error(self.file, Some("rotation_vector_deg"), message));
+        }
         if self.sensors.len() >= MAX_SENSORS {
             return Err(entry.error(self.file, None, &format!("more than {MAX_SENSORS} sensors in all")));
         }

@@ -235,6 +235,15 @@ fn mutated(text: &'static str) -> impl Strategy<Value = String> {
     })
 }
 
+/// Found by the property test below.
+#[test]
+fn regress_a_rotation_that_overflows_is_refused() {
+    let text = "[array]\nname = \"a\"\nsource = \"\"\nnoise_tesla = 1e-8\n[[sensor]]\nposition_mm = [1, 2, 3]\n\
+                rotation_vector_deg = [10, 1e308, 30]\n";
+    let error = SensorArray::from_node(&node(text)).unwrap_err().to_string();
+    assert!(error.contains("rotation_vector_deg") && error.contains("too large"), "{error}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: None, ..ProptestConfig::default() })]
 
