@@ -28,7 +28,8 @@ bench:
 
 # Makes the expected values of other programs anew (Python 3.11; each script names its pinned packages).
 cross:
-    for script in tests/cross/{fields_reference,range_gain_filterpy,odometry_gtsam,gyro_gravity,lines_mixture}.py \
+    for script in tests/cross/*_reference.py tests/cross/*_filterpy.py tests/cross/*_gtsam.py \
+        tests/cross/gyro_gravity.py tests/cross/lines_mixture.py \
         crates/evaluation/tests/cross/*_reference.py crates/anatomy/tests/cross/splines.py; do python3 "$script"; done
     cargo build --release
     python3 tests/cross/read_results.py
