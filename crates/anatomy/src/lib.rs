@@ -15,6 +15,7 @@ pub mod motility;
 pub mod motility_config;
 mod motility_limits;
 pub mod motility_sources;
+pub mod phantom;
 pub mod radius;
 pub mod segment;
 pub mod shape;

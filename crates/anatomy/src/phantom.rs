@@ -1,0 +1,251 @@
+//! What a photon meets on its way: bodies of tissue, as plain shapes or voxels.
+//!
+//! A [`Phantom`] tells the material at a place and how far a ray runs in it. Each [`Material`] has a linear attenuation coefficient
+//! at 511 keV; at the energies that pass a PET scanner's window attenuation in tissue is Compton scattering alone, so whoever
+//! transports photons scales it by the Klein-Nishina cross section. Frame: the torso's, which stands in the world unless a bed or
+//! a patient moves it.
+
+use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
+use lumenav_core::{ConfigError, Node};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// `[phantom]` of a file in `models/phantoms`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+enum PhantomTable {
+    /// A right cylinder along z.
+    Cylinder {
+        name: String,
+        source: String,
+        #[serde(default)]
+        centre_mm: [Finite; 3],
+        diameter_mm: Positive,
+        length_mm: Positive,
+        material: MaterialTable,
+    },
+    /// A right cylinder along z with an elliptic base.
+    EllipticCylinder {
+        name: String,
+        source: String,
+        #[serde(default)]
+        centre_mm: [Finite; 3],
+        width_mm: Positive,
+        depth_mm: Positive,
+        length_mm: Positive,
+        material: MaterialTable,
+    },
+}
+
+/// `material` of a phantom.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaterialTable {
+    name: String,
+    attenuation_511_per_cm: NonNegative,
+}
+
+impl MaterialTable {
+    fn material(&self) -> Material {
+        Material { name: self.name.clone(), attenuation_511_per_m: self.attenuation_511_per_cm.0 * 100.0 }
+    }
+}
+
+/// A tissue or a filling.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Its name.
+    pub name: String,
+    /// Linear attenuation coefficient at 511 keV, 1/m.
+    pub attenuation_511_per_m: f64,
+}
+
+/// A body without holes of one material: a right cylinder along z with an elliptic base.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EllipticCylinder {
+    /// Centre, m.
+    pub centre_m: Vector3<f64>,
+    /// Half the width along x, m.
+    pub semi_axis_x_m: f64,
+    /// Half the width along y, m.
+    pub semi_axis_y_m: f64,
+    /// Half the length along z, m.
+    pub half_length_m: f64,
+}
+
+impl EllipticCylinder {
+    /// Whether a place lies inside.
+    pub fn contains(&self, place_m: &Vector3<f64>) -> bool {
+        let p = place_m - self.centre_m;
+        let (x, y) = (p.x / self.semi_axis_x_m, p.y / self.semi_axis_y_m);
+        p.z.abs() <= self.half_length_m && x * x + y * y <= 1.0
+    }
+
+    /// Entry and exit of a ray as distances along the unit vector `direction`, m; `None` where it misses. The entry is negative for
+    /// a ray that starts inside.
+    pub fn chord_m(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
+        let p = from_m - self.centre_m;
+        let (px, py) = (p.x / self.semi_axis_x_m, p.y / self.semi_axis_y_m);
+        let (dx, dy) = (direction.x / self.semi_axis_x_m, direction.y / self.semi_axis_y_m);
+        let (a, b, c) = (dx * dx + dy * dy, px * dx + py * dy, px * px + py * py - 1.0);
+        let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+        if a > 0.0 {
+            let root = (b * b - a * c).max(-1.0);
+            if root < 0.0 {
+                return None;
+            }
+            let root = root.sqrt();
+            (near, far) = ((-b - root) / a, (-b + root) / a);
+        } else if c > 0.0 {
+            return None;
+        }
+        if direction.z == 0.0 {
+            if p.z.abs() > self.half_length_m {
+                return None;
+            }
+        } else {
+            let ends = [-self.half_length_m, self.half_length_m].map(|end| (end - p.z) / direction.z);
+            near = near.max(ends[0].min(ends[1]));
+            far = far.min(ends[0].max(ends[1]));
+        }
+        (near < far).then_some((near, far))
+    }
+}
+
+/// A body that photons cross.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Phantom {
+    /// Its name.
+    pub name: String,
+    shape: Shape,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Shape {
+    Cylinder(EllipticCylinder, Material),
+}
+
+/// No phantom is larger than this, m.
+const MAX_SIZE_M: f64 = 10.0;
+
+impl Phantom {
+    /// Reads a phantom's file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line and key.
+    pub fn from_node(file: &Node) -> Result<Self, ConfigError> {
+        let node = file.child_or_empty("phantom");
+        let table: PhantomTable = node.parse()?;
+        let (name, centre_mm, semi_axes_mm, length_mm, material) = match &table {
+            PhantomTable::Cylinder { name, centre_mm, diameter_mm, length_mm, material, .. } => {
+                (name, centre_mm, [0.5 * diameter_mm.0; 2], length_mm, material)
+            }
+            PhantomTable::EllipticCylinder {
+                name,
+                centre_mm,
+                width_mm,
+                depth_mm,
+                length_mm,
+                material,
+                ..
+            } => (name, centre_mm, [0.5 * width_mm.0, 0.5 * depth_mm.0], length_mm, material),
+        };
+        let cylinder = EllipticCylinder {
+            centre_m: Vector3::from(centre_mm.map(|v| v.0)) * 1e-3,
+            semi_axis_x_m: semi_axes_mm[0] * 1e-3,
+            semi_axis_y_m: semi_axes_mm[1] * 1e-3,
+            half_length_m: 0.5e-3 * length_mm.0,
+        };
+        let sizes = [
+            cylinder.semi_axis_x_m,
+            cylinder.semi_axis_y_m,
+            cylinder.half_length_m,
+            cylinder.centre_m.amax(),
+        ];
+        if sizes.iter().any(|v| *v > MAX_SIZE_M) {
+            return Err(node.error(&format!("a phantom of more than {MAX_SIZE_M} m")));
+        }
+        Ok(Self::cylinder(name, cylinder, material.material()))
+    }
+
+    /// A phantom of one cylinder.
+    pub fn cylinder(name: &str, cylinder: EllipticCylinder, material: Material) -> Self {
+        Self { name: name.to_owned(), shape: Shape::Cylinder(cylinder, material) }
+    }
+
+    /// Material at a place; `None` outside.
+    pub fn material_at(&self, place_m: &Vector3<f64>) -> Option<&Material> {
+        match &self.shape {
+            Shape::Cylinder(cylinder, material) => cylinder.contains(place_m).then_some(material),
+        }
+    }
+
+    /// Attenuation coefficient at 511 keV at a place, 1/m; 0 outside.
+    pub fn attenuation_511_per_m(&self, place_m: &Vector3<f64>) -> f64 {
+        self.material_at(place_m).map_or(0.0, |m| m.attenuation_511_per_m)
+    }
+
+    /// The largest attenuation coefficient at 511 keV anywhere in it, 1/m (the majorant of Woodcock's tracking).
+    pub fn largest_attenuation_511_per_m(&self) -> f64 {
+        match &self.shape {
+            Shape::Cylinder(_, material) => material.attenuation_511_per_m,
+        }
+    }
+
+    /// The one attenuation coefficient of a phantom of one material, 1/m: photons need no rejection there.
+    pub fn uniform_attenuation_511_per_m(&self) -> Option<f64> {
+        match &self.shape {
+            Shape::Cylinder(_, material) => Some(material.attenuation_511_per_m),
+        }
+    }
+
+    /// Entry and exit of a ray through its hull as distances along the unit vector `direction`, m; see [`EllipticCylinder::chord_m`].
+    pub fn chord_m(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
+        match &self.shape {
+            Shape::Cylinder(cylinder, _) => cylinder.chord_m(from_m, direction),
+        }
+    }
+
+    /// `∫ μ(511 keV) dl` from a place outwards along the unit vector `direction`, dimensionless.
+    pub fn optical_depth_511(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
+        match &self.shape {
+            Shape::Cylinder(cylinder, material) => {
+                let inside_m = cylinder
+                    .chord_m(from_m, direction)
+                    .map_or(0.0, |(near, far)| far.max(0.0) - near.max(0.0));
+                inside_m * material.attenuation_511_per_m
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn water(diameter_m: f64) -> Phantom {
+        let cylinder = EllipticCylinder {
+            centre_m: Vector3::zeros(),
+            semi_axis_x_m: 0.5 * diameter_m,
+            semi_axis_y_m: 0.5 * diameter_m,
+            half_length_m: 0.1,
+        };
+        Phantom::cylinder("water", cylinder, Material { name: "water".into(), attenuation_511_per_m: 9.6 })
+    }
+
+    #[test]
+    fn closed_form_chords_of_a_cylinder() {
+        let phantom = water(0.2);
+        let centre = Vector3::zeros();
+        assert!((phantom.optical_depth_511(&centre, &Vector3::x()) - 0.96).abs() < 1e-12);
+        assert!((phantom.optical_depth_511(&centre, &Vector3::z()) - 0.96).abs() < 1e-12);
+        // From outside the whole chord counts, from behind none of it.
+        let outside = Vector3::new(-1.0, 0.06, 0.0);
+        assert!((phantom.optical_depth_511(&outside, &Vector3::x()) - 9.6 * 0.16).abs() < 1e-12);
+        assert_eq!(phantom.optical_depth_511(&outside, &-Vector3::x()), 0.0);
+        // A slanted ray leaves through the flat end.
+        let slanted = Vector3::new(0.6, 0.0, 0.8);
+        assert!((phantom.optical_depth_511(&centre, &slanted) - 9.6 * 0.125).abs() < 1e-12);
+        assert!(phantom.chord_m(&Vector3::new(0.2, 0.0, 0.0), &Vector3::z()).is_none());
+    }
+}

@@ -1,0 +1,230 @@
+//! The markers in the capsule: `[[marker]]` of a capsule's model.
+//!
+//! Both sides know where the markers were put; where they really are, and how active they really are, is the world's business.
+//! The reference triangle of than2015 has sides of 10, 13 and 13 mm: its mirror image about the apex is itself, so a turn by
+//! 180 degrees about the capsule's axis cannot be told from an exchange of the two base markers ([`MarkerSet::symmetries`]).
+
+use lumenav_core::config::quantity::{Finite, Positive};
+use lumenav_core::{ConfigError, Name, Node};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// `[[marker]]` of a capsule model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MarkerTable {
+    /// Position in the capsule's frame, mm.
+    pub position_mm: [Finite; 3],
+    /// Activity at the scenario's start, MBq.
+    pub activity_mbq: Positive,
+    /// Name of an isotope in `models/isotopes`, or a path.
+    pub isotope: String,
+    /// Diameter of the active core, mm.
+    pub core_diameter_mm: Positive,
+    /// Where the numbers come from.
+    pub source: String,
+}
+
+/// One marker as installed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Marker {
+    /// Position in the capsule's frame, m.
+    pub position_capsule_m: Vector3<f64>,
+    /// Activity at the scenario's start, Bq.
+    pub activity_bq: f64,
+    /// Isotope, as the model names it.
+    pub isotope: Name,
+    /// Diameter of the active core, m.
+    pub core_diameter_m: f64,
+}
+
+/// Markers nearer to each other than this stand at one place: no scanner separates half a millimetre.
+pub const SAME_PLACE_M: f64 = 5e-4;
+/// Markers whose smallest spread across a line (root of the second eigenvalue of their scatter) is below this lie on a line.
+pub const COLLINEAR_M: f64 = 5e-4;
+/// More markers than this are a typing error.
+const MAX_MARKERS: usize = 32;
+
+/// All markers of a capsule.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkerSet {
+    /// The markers, in the file's order.
+    pub markers: Vec<Marker>,
+}
+
+impl MarkerSet {
+    /// Reads `[[marker]]` of a capsule's model file: at least `least` of them, no two at one place, three or more not on a line.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line and key; a capsule without markers says so.
+    pub fn from_capsule(capsule: &Node, sensor: &str, least: usize) -> Result<Self, ConfigError> {
+        let nodes = capsule.children("marker").unwrap_or_default();
+        if nodes.is_empty() {
+            let message = format!("sensor `{sensor}` tracks PET markers, but this capsule has no [[marker]]");
+            return Err(capsule.error(&message));
+        }
+        let mut markers: Vec<Marker> = Vec::new();
+        for node in &nodes {
+            let table: MarkerTable = node.parse()?;
+            let position = Vector3::from(table.position_mm.map(|v| v.0)) * 1e-3;
+            if let Some(same) =
+                markers.iter().position(|m| (m.position_capsule_m - position).norm() < SAME_PLACE_M)
+            {
+                let message = format!(
+                    "this marker stands where marker {} stands; allowed: at least 0.5 mm apart",
+                    same + 1
+                );
+                return Err(node.error_at("position_mm", &message));
+            }
+            markers.push(Marker {
+                position_capsule_m: position,
+                activity_bq: table.activity_mbq.0 * 1e6,
+                isotope: Name::from(table.isotope.as_str()),
+                core_diameter_m: table.core_diameter_mm.0 * 1e-3,
+            });
+        }
+        let set = Self { markers };
+        let last = &nodes[nodes.len() - 1];
+        if nodes.len() < least || nodes.len() > MAX_MARKERS {
+            let message = format!("{} markers; allowed: {least} to {MAX_MARKERS}", nodes.len());
+            return Err(last.error(&message));
+        }
+        if nodes.len() >= 3 && set.are_collinear() {
+            let message = "all markers lie on a line, so the turn about it cannot be seen; move one at least 1 mm off it";
+            return Err(last.error_at("position_mm", message));
+        }
+        Ok(set)
+    }
+
+    /// Number of markers.
+    pub fn len(&self) -> usize {
+        self.markers.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.markers.is_empty()
+    }
+
+    /// Positions in the capsule's frame, m.
+    pub fn positions_capsule_m(&self) -> Vec<Vector3<f64>> {
+        self.markers.iter().map(|m| m.position_capsule_m).collect()
+    }
+
+    /// Centroid in the capsule's frame, m.
+    pub fn centroid_capsule_m(&self) -> Vector3<f64> {
+        self.markers.iter().map(|m| m.position_capsule_m).sum::<Vector3<f64>>() / self.len().max(1) as f64
+    }
+
+    /// Activity of all markers, Bq.
+    pub fn total_activity_bq(&self) -> f64 {
+        self.markers.iter().map(|m| m.activity_bq).sum()
+    }
+
+    /// Whether fewer than two directions of spread are larger than [`COLLINEAR_M`].
+    pub fn are_collinear(&self) -> bool {
+        let centre = self.centroid_capsule_m();
+        let offsets = self.markers.iter().map(|m| m.position_capsule_m - centre);
+        let scatter: Matrix3<f64> =
+            offsets.map(|o| o * o.transpose()).sum::<Matrix3<f64>>() / self.len().max(1) as f64;
+        let mut spread: Vec<f64> =
+            scatter.symmetric_eigenvalues().iter().map(|v| v.max(0.0).sqrt()).collect();
+        spread.sort_by(f64::total_cmp);
+        spread[1] < COLLINEAR_M
+    }
+
+    /// Proper rotations about the centroid, other than none, that map the set onto itself within `tolerance_m` while activities
+    /// agree within `activity_tolerance` (relative): poses that the lines cannot tell apart. Each comes with the order in which the
+    /// markers then stand.
+    pub fn symmetries(&self, tolerance_m: f64, activity_tolerance: f64) -> Vec<(Vec<usize>, Rotation3<f64>)> {
+        let n = self.len();
+        let mut found = Vec::new();
+        for order in permutations(n) {
+            if order.iter().enumerate().all(|(i, j)| i == *j) {
+                continue;
+            }
+            let alike = order.iter().enumerate().all(|(i, j)| {
+                let (a, b) = (self.markers[i].activity_bq, self.markers[*j].activity_bq);
+                (a - b).abs() <= activity_tolerance * a.max(b)
+            });
+            let (turn, worst) = self.best_rotation(&order);
+            if alike && worst <= tolerance_m {
+                found.push((order, turn));
+            }
+        }
+        found
+    }
+
+    /// The rotation about the centroid that brings marker `i` nearest to marker `order[i]`, in the least-squares sense (Kabsch 1976),
+    /// and the largest distance that is left, m.
+    pub fn best_rotation(&self, order: &[usize]) -> (Rotation3<f64>, f64) {
+        let centre = self.centroid_capsule_m();
+        let arm = |i: usize| self.markers[i].position_capsule_m - centre;
+        let mut cross = Matrix3::zeros();
+        for (i, j) in order.iter().enumerate() {
+            cross += arm(*j) * arm(i).transpose();
+        }
+        let svd = cross.svd(true, true);
+        let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return (Rotation3::identity(), f64::INFINITY) };
+        let sign = (u * v_t).determinant().signum();
+        let turn =
+            Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t);
+        let left = order.iter().enumerate().map(|(i, j)| (turn * arm(i) - arm(*j)).norm());
+        let worst = left.fold(0.0, f64::max);
+        (turn, worst)
+    }
+}
+
+/// All orders of `n` things, the given one first; of more than six only that one (720 orders are enough to look at).
+fn permutations(n: usize) -> Vec<Vec<usize>> {
+    let mut all = vec![(0..n).collect::<Vec<_>>()];
+    if n > 6 {
+        return all;
+    }
+    let mut current: Vec<usize> = (0..n).collect();
+    // Narayana's next permutation in lexicographic order.
+    while let Some(i) = (1..n).rev().find(|i| current[i - 1] < current[*i]) {
+        let j = (i..n).rev().find(|j| current[*j] > current[i - 1]).unwrap_or(i);
+        current.swap(i - 1, j);
+        current[i..].reverse();
+        all.push(current.clone());
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set(places_mm: &[[f64; 3]]) -> MarkerSet {
+        let marker = |p: &[f64; 3]| Marker {
+            position_capsule_m: Vector3::from(*p) * 1e-3,
+            activity_bq: 1.85e6,
+            isotope: Name::from("na-22"),
+            core_diameter_m: 5e-4,
+        };
+        MarkerSet { markers: places_mm.iter().map(marker).collect() }
+    }
+
+    #[test]
+    fn closed_form_symmetries_of_triangles() {
+        let isosceles = set(&[[-12.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, -5.0, 0.0]]);
+        let found = isosceles.symmetries(1e-4, 0.05);
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].0, vec![0, 2, 1]);
+        // A half turn about the capsule's axis.
+        assert!((found[0].1.angle() - std::f64::consts::PI).abs() < 1e-9);
+        assert!((found[0].1 * Vector3::x() - Vector3::x()).norm() < 1e-9);
+        let scalene = set(&[[-12.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, -3.0, 0.0]]);
+        assert!(scalene.symmetries(1e-4, 0.05).is_empty());
+        let equilateral =
+            set(&[[1.0, 0.0, 0.0], [-0.5, 0.75_f64.sqrt(), 0.0], [-0.5, -(0.75_f64.sqrt()), 0.0]]);
+        assert_eq!(equilateral.symmetries(1e-4, 0.05).len(), 5);
+    }
+
+    #[test]
+    fn closed_form_collinear_markers_are_found() {
+        assert!(set(&[[0.0; 3], [5.0, 5.0, 0.0], [10.0, 10.0, 0.0]]).are_collinear());
+        assert!(!set(&[[0.0; 3], [5.0, 5.0, 0.0], [10.0, 0.0, 0.0]]).are_collinear());
+    }
+}

@@ -1,0 +1,1 @@
+//! Planning: dose, smallest activity, expected accuracy.
