@@ -14,6 +14,7 @@
 
 pub mod line;
 pub mod markers;
+pub mod payload;
 pub mod planning;
 pub mod reader;
 pub mod scanner;
