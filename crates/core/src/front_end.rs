@@ -17,6 +17,8 @@ pub struct PosePrior {
     pub at: SimTime,
     /// Predicted pose and covariance.
     pub pose: PoseEstimate,
+    /// Predicted velocity in the world, m/s, where the filter has one: what a reading that lasts can be straightened by.
+    pub velocity_world_m_s: Option<Vector3<f64>>,
 }
 
 /// What a front end made of a reading.
