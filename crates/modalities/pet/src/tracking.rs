@@ -24,6 +24,7 @@ mod lanes;
 pub mod likelihood;
 mod membership;
 pub mod mixture;
+pub mod block_noise;
 pub mod noise;
 pub mod thompson;
 pub mod window;
