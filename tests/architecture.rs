@@ -116,7 +116,8 @@ fn law_reading_parquet_stands_behind_a_feature() {
         .no_deps()
         .exec()
         .expect("cargo metadata runs where cargo test runs");
-    let records = metadata.packages.iter().find(|p| p.name.as_str() == "lumenav-records").expect("a crate of ours");
+    let records =
+        metadata.packages.iter().find(|p| p.name.as_str() == "lumenav-records").expect("a crate of ours");
     let parquet = records.dependencies.iter().find(|d| d.name == "parquet").expect("records reads Parquet");
     assert!(parquet.optional, "a reader of CSV alone must not build Parquet");
 }

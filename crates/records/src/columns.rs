@@ -108,8 +108,6 @@ mod implementation {
     use std::panic::{AssertUnwindSafe, catch_unwind};
     use std::path::Path;
 
-
-
     pub(super) struct Columns {
         reader: SerializedFileReader<File>,
         chosen: Vec<usize>,
@@ -128,8 +126,7 @@ mod implementation {
     impl Columns {
         pub(super) fn open(path: &Path) -> Result<Self, String> {
             let file = File::open(path).map_err(|error| error.to_string())?;
-            let reader =
-                guarded(|| SerializedFileReader::new(file).map_err(|error| error.to_string()))?;
+            let reader = guarded(|| SerializedFileReader::new(file).map_err(|error| error.to_string()))?;
             Ok(Self { reader, chosen: Vec::new(), group: 0, pages: Vec::new(), rows_left: 0 })
         }
 

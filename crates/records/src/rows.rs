@@ -231,7 +231,9 @@ impl<'a> Cells<'a> {
         };
         let cell = &self.rest[..end.unwrap_or(self.rest.len())];
         match end {
-            Some(end) if self.separator == Separator::Space => self.rest = self.rest[end..].trim_ascii_start(),
+            Some(end) if self.separator == Separator::Space => {
+                self.rest = self.rest[end..].trim_ascii_start()
+            }
             Some(end) => self.rest = &self.rest[end + 1..],
             None => self.rest = &[],
         }
@@ -292,13 +294,10 @@ mod tests {
         for row in ["1,-2.5, 3e2", "1;-2.5;3e2", "1 -2.5\t 3e2", "1 , -2.5 ,3e2"] {
             assert_eq!(numbers(row), [Ok(1.0), Ok(-2.5), Ok(300.0)], "{row}");
         }
-        assert_eq!(numbers("1,,x,nan,"), [
-            Ok(1.0),
-            Err(String::new()),
-            Err("x".into()),
-            Err("nan".into()),
-            Err(String::new())
-        ]);
+        assert_eq!(
+            numbers("1,,x,nan,"),
+            [Ok(1.0), Err(String::new()), Err("x".into()), Err("nan".into()), Err(String::new())]
+        );
         assert_eq!(numbers("1.5mm 2"), [Err("1.5mm".into()), Ok(2.0)]);
     }
 

@@ -25,7 +25,8 @@ fn text(is_saved: bool, digits: usize) -> String {
         if is_saved {
             let n = i / 210;
             let start = n as f64 * 0.05;
-            let _ = write!(text, "{:.9},{n},{start:.9},{:.9},{:.9},", start + 0.025, start + 0.05, start + 0.05);
+            let _ =
+                write!(text, "{:.9},{n},{start:.9},{:.9},{:.9},", start + 0.025, start + 0.05, start + 0.05);
         }
         let _ = write!(text, "{t_ms:.digits$}");
         for k in 0..6 {

@@ -25,9 +25,9 @@ use crate::Scanner;
 use crate::line::SHORTEST_LINE_M;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{ModalityError, Node, ReadingStream, Setup};
+use lumenav_records::BadRows;
 use lumenav_records::columns::is_parquet;
 use lumenav_records::rows::{Cells, RowReader, Separator};
-use lumenav_records::BadRows;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -184,10 +184,8 @@ fn format_of(path: &Path, node: &Node) -> Result<Format, ModalityError> {
     if numbers.iter().all(|is_number| *is_number) {
         return match numbers.len() {
             5 => {
-                let message = format!(
-                    "{} has five columns and no header: `list-mode` or `two-plane`?",
-                    path.display()
-                );
+                let message =
+                    format!("{} has five columns and no header: `list-mode` or `two-plane`?", path.display());
                 Err(node.error_at("format", &message).into())
             }
             _ => Ok(Format::Lines),

@@ -151,21 +151,17 @@ fn closed_form_windows_by_time_and_by_count() {
         readings.iter().map(|r| (r.sequence, us(r.interval.0), us(r.interval.1), r.payload.rows())).collect()
     };
     // Default: 50 ms; a window without lines is a reading without lines.
-    let by_time = [(0, 0, 50_000, 2), (1, 50_000, 100_000, 1), (2, 100_000, 150_000, 0), (3, 150_000, 200_000, 1)];
+    let by_time =
+        [(0, 0, 50_000, 2), (1, 50_000, 100_000, 1), (2, 100_000, 150_000, 0), (3, 150_000, 200_000, 1)];
     assert_eq!(shape(""), by_time);
     assert_eq!(shape("window_ms = 200"), [(0, 0, 200_000, 4)]);
-    let overlapping = [
-        (0, 0, 100_000, 3),
-        (1, 50_000, 150_000, 1),
-        (2, 100_000, 200_000, 1),
-    ];
+    let overlapping = [(0, 0, 100_000, 3), (1, 50_000, 150_000, 1), (2, 100_000, 200_000, 1)];
     assert_eq!(shape("window_ms = 100\noverlap = 0.5"), overlapping);
     assert_eq!(shape("window_lines = 3"), [(0, 500, 50_000, 3), (1, 180_125, 180_125, 1)]);
-    assert_eq!(shape("window_lines = 2\noverlap = 0.5"), [
-        (0, 500, 49_750, 2),
-        (1, 49_750, 50_000, 2),
-        (2, 50_000, 180_125, 2)
-    ]);
+    assert_eq!(
+        shape("window_lines = 2\noverlap = 0.5"),
+        [(0, 500, 49_750, 2), (1, 49_750, 50_000, 2), (2, 50_000, 180_125, 2)]
+    );
     // A pause beyond `max_gap_s` is a bad row; passed over, it leaves a hole in the sequence.
     let message = folder.error("allegro", "lines = \"a.csv\"\nmax_gap_s = 0.1");
     assert!(message.contains("a.csv:5: ") && message.contains("no line for 0.130 s"), "{message}");
@@ -352,7 +348,10 @@ fn saved() -> String {
 fn law_saved_readings_read_back_to_the_same_readings() {
     let folder = Folder::new();
     folder.write("pet.csv", saved());
-    folder.write("pet.bed.tum", "0.025 0 0 0.1 0 0 0 1\n0.075 0 0 0.2 0 0 0 1\n0.125 0 0 0.3 0 0 0 1\n0.175 0 0 0.4 0 0 0 1\n");
+    folder.write(
+        "pet.bed.tum",
+        "0.025 0 0 0.1 0 0 0 1\n0.075 0 0 0.2 0 0 0 1\n0.125 0 0 0.3 0 0 0 1\n0.175 0 0 0.4 0 0 0 1\n",
+    );
     let readings = folder.readings("allegro", "lines = \"pet.csv\"\nposes = { bed = \"pet.bed.tum\" }");
     let shape: Vec<_> = readings.iter().map(|r| (r.sequence, r.payload.valid().to_vec())).collect();
     assert_eq!(shape, [(0, vec![true; 2]), (1, vec![]), (3, vec![true, false]), (2, vec![true])]);
@@ -421,10 +420,14 @@ fn law_parquet_is_equal_to_csv_in_every_packing() {
     use parquet::basic::Compression;
     let folder = Folder::new();
     let rows: Vec<Vec<f64>> = (0..25_000)
-        .map(|i| vec![f64::from(i) * 0.01, f64::from(i % 7) / 3.0, 400.0, 1.0, 2.0, -400.0, f64::from(i % 13)])
+        .map(|i| {
+            vec![f64::from(i) * 0.01, f64::from(i % 7) / 3.0, 400.0, 1.0, 2.0, -400.0, f64::from(i % 13)]
+        })
         .collect();
-    let text: String =
-        rows.iter().map(|r| r.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>().join(",") + "\n").collect();
+    let text: String = rows
+        .iter()
+        .map(|r| r.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>().join(",") + "\n")
+        .collect();
     folder.write("a.csv", text);
     let wanted = folder.readings("allegro", "lines = \"a.csv\"");
     for packing in [
@@ -444,7 +447,12 @@ fn law_parquet_is_equal_to_csv_in_every_packing() {
     assert!(message.contains("bad.parquet:8: row 8: column `z1_mm` holds no finite number"), "{message}");
     let (lines, skipped) = folder.skipping("allegro", "lines = \"bad.parquet\"");
     assert_eq!((lines, skipped.len()), (19, 1));
-    parquet_file(&folder.0.path().join("few.parquet"), &["t_ms", "x"], &[vec![1.0, 2.0]], Compression::SNAPPY);
+    parquet_file(
+        &folder.0.path().join("few.parquet"),
+        &["t_ms", "x"],
+        &[vec![1.0, 2.0]],
+        Compression::SNAPPY,
+    );
     let message = folder.error("allegro", "lines = \"few.parquet\"");
     assert!(message.contains("no column `x1_mm`; the file has: t_ms, x"), "{message}");
 }
@@ -455,7 +463,8 @@ fn closed_form_parquet_list_mode_with_other_types_and_lost_cells() {
     let schema = "message l { REQUIRED FLOAT t_ms; REQUIRED INT32 xa; REQUIRED INT32 za; REQUIRED INT32 xb; OPTIONAL INT32 zb; }";
     let file = std::fs::File::create(folder.0.path().join("a.parquet")).unwrap();
     let mut writer =
-        SerializedFileWriter::new(file, Arc::new(parse_message_type(schema).unwrap()), Arc::default()).unwrap();
+        SerializedFileWriter::new(file, Arc::new(parse_message_type(schema).unwrap()), Arc::default())
+            .unwrap();
     let mut group = writer.next_row_group().unwrap();
     let mut column = group.next_column().unwrap().unwrap();
     column.typed::<FloatType>().write_batch(&[1.5, 2.5], None, None).unwrap();

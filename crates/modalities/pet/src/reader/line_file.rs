@@ -38,12 +38,7 @@ impl RowLayout {
             wanted.iter().map(ToString::to_string).chain(extra).collect()
         };
         if !is_header && numbers.len() < wanted.len() {
-            return Err(format!(
-                "{} cells; expected {}: {}",
-                numbers.len(),
-                wanted.len(),
-                wanted.join(", ")
-            ));
+            return Err(format!("{} cells; expected {}: {}", numbers.len(), wanted.len(), wanted.join(", ")));
         }
         let mut slots = vec![None; names.len()];
         for (place, name) in wanted.iter().enumerate() {

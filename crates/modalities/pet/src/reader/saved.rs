@@ -162,9 +162,9 @@ fn begin(row: &RawRow<'_>, last: Option<(SimTime, u64)>) -> Result<Gathered, Str
     };
     time(0)?;
     let (start, end, arrival) = (time(2)?, time(3)?, time(4)?);
-    let sequence: u64 = String::from_utf8_lossy(texts[1]).parse().map_err(|_| {
-        format!("`{}` is no count; a whole number from 0 is allowed", shown(texts[1]))
-    })?;
+    let sequence: u64 = String::from_utf8_lossy(texts[1])
+        .parse()
+        .map_err(|_| format!("`{}` is no count; a whole number from 0 is allowed", shown(texts[1])))?;
     if end < start || arrival < end {
         return Err("a reading starts, ends and arrives in this order".to_owned());
     }
@@ -173,7 +173,8 @@ fn begin(row: &RawRow<'_>, last: Option<(SimTime, u64)>) -> Result<Gathered, Str
     }
     let place = Place { interval: (start, end), arrival, sequence: Some(sequence) };
     let columns = Columns::default();
-    let mut gathered = Gathered { prefix: prefix.to_vec(), place, columns, has_numbers: false, line: row.line };
+    let mut gathered =
+        Gathered { prefix: prefix.to_vec(), place, columns, has_numbers: false, line: row.line };
     add_event(row, prefix.len(), &mut gathered)?;
     Ok(gathered)
 }

@@ -82,8 +82,11 @@ impl Windows {
         }
         let at_ns = (row[0] * 1e6).round() as i64;
         if let Some(last) = self.last_ns.filter(|last| at_ns < *last) {
-            let message =
-                format!("time runs back from {} to {} ms; lines must be in order", last as f64 * 1e-6, row[0]);
+            let message = format!(
+                "time runs back from {} to {} ms; lines must be in order",
+                last as f64 * 1e-6,
+                row[0]
+            );
             return Err(self.source.error(&message));
         }
         for (i, value) in row[1..].iter_mut().enumerate() {
