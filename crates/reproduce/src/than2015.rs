@@ -1,0 +1,15 @@
+//! T. D. Than, *Localization and tracking of robotic endoscopic capsules using multiple positron emission markers*, PhD thesis,
+//! University of Wollongong, 2015: its tables and figures of chapters 3 to 6.
+//!
+//! [`published`] holds the numbers, [`motion`] the paths, [`set_up`] scanners, phantoms and markers, [`scoring`] what counts as an
+//! error and as a failure. Numbers that this project has no record of are not invented: such a row says *not available*.
+
+pub mod motion;
+pub mod published;
+pub mod scoring;
+pub mod set_up;
+
+use crate::registry::Reproduction;
+
+/// The reproductions of this publication.
+pub(crate) const ALL: &[Reproduction] = &[];
