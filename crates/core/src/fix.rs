@@ -89,6 +89,23 @@ static FIX_SCHEMA: LazyLock<Arc<Schema>> = LazyLock::new(|| {
 });
 
 impl PoseEstimate {
+    /// The same pose claiming no more than `kind`: rows and columns of what is left out are zero.
+    pub fn limited_to(mut self, kind: FixKind) -> Self {
+        if kind < self.kind {
+            let unknown = match kind {
+                FixKind::Position => 3..6,
+                FixKind::Pointing => 3..4,
+                FixKind::Full => 0..0,
+            };
+            for i in unknown {
+                self.covariance.row_mut(i).fill(0.0);
+                self.covariance.column_mut(i).fill(0.0);
+            }
+            self.kind = kind;
+        }
+        self
+    }
+
     /// As the columns that cross the seam.
     pub fn to_frame(&self) -> Frame {
         let p = self.world_from_capsule.translation.vector;

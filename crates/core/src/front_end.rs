@@ -1,7 +1,7 @@
 //! The estimator side of a plugin: from readings to measurements.
 
 use crate::Name;
-use crate::fix::PoseEstimate;
+use crate::fix::{FixKind, PoseEstimate};
 use crate::frame::Reading;
 use crate::measurement::{BlockSpec, Measurement, StateView};
 use crate::modality::ModalityError;
@@ -17,6 +17,8 @@ pub struct PosePrior {
     pub at: SimTime,
     /// Predicted pose and covariance.
     pub pose: PoseEstimate,
+    /// Predicted velocity in the world, m/s, where the filter has one: what a reading that lasts can be straightened by.
+    pub velocity_world_m_s: Option<Vector3<f64>>,
 }
 
 /// What a front end made of a reading.
@@ -47,6 +49,13 @@ pub trait FrontEnd: Send {
     /// Instants of which the filter must keep a clone (key frames).
     fn wanted_clones(&self) -> Vec<SimTime> {
         Vec::new()
+    }
+
+    /// How much of a pose its sensor can tell apart, however many readings there are: three markers in an isosceles triangle
+    /// leave two rolls, and a filter that has settled on one of them does not know it. A track claims no more than the best of its
+    /// sensors can tell.
+    fn resolves(&self) -> FixKind {
+        FixKind::Full
     }
 
     /// Nuisance blocks that the measurements' models will read.

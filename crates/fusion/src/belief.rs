@@ -383,25 +383,17 @@ impl Belief {
 
     /// Pose and covariance, with what is not known left out.
     pub fn pose(&self) -> PoseEstimate {
-        let mut covariance: Matrix6<f64> = self.covariance.fixed_view::<6, 6>(0, 0).into_owned();
+        let covariance: Matrix6<f64> = self.covariance.fixed_view::<6, 6>(0, 0).into_owned();
         let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-        let kind = if sigma(4).max(sigma(5)) > KNOWN_ATTITUDE_SIGMA_RAD {
+        let known = if sigma(4).max(sigma(5)) > KNOWN_ATTITUDE_SIGMA_RAD {
             FixKind::Position
         } else if sigma(3) > KNOWN_ATTITUDE_SIGMA_RAD {
             FixKind::Pointing
         } else {
             FixKind::Full
         };
-        let unknown = match kind {
-            FixKind::Position => 3..6,
-            FixKind::Pointing => 3..4,
-            FixKind::Full => 0..0,
-        };
-        for i in unknown {
-            covariance.row_mut(i).fill(0.0);
-            covariance.column_mut(i).fill(0.0);
-        }
-        PoseEstimate { world_from_capsule: self.state.world_from_capsule, covariance, kind }
+        let world_from_capsule = self.state.world_from_capsule;
+        PoseEstimate { world_from_capsule, covariance, kind: FixKind::Full }.limited_to(known)
     }
 
     /// Largest standard deviation of the position along any direction, m, and that direction.

@@ -425,7 +425,8 @@ impl Filter for Eskf {
     fn predicted_pose(&self, at: SimTime) -> Option<PosePrior> {
         let belief = self.belief_at(at)?;
         let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
-        (!vague).then(|| PosePrior { at, pose: belief.pose() })
+        let velocity_world_m_s = Some(belief.state.velocity_world_m_s);
+        (!vague).then(|| PosePrior { at, pose: belief.pose(), velocity_world_m_s })
     }
 
     fn predicted_estimate(&self, at: SimTime) -> Option<PublishedEstimate> {

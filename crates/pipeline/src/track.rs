@@ -7,7 +7,7 @@
 
 use crate::events::Refusal;
 use lumenav_core::{
-    BlockSpec, ConfigError, FrontEnd, Measurement, ModalityError, MotionInput, Name, Node, Outcome,
+    BlockSpec, ConfigError, FixKind, FrontEnd, Measurement, ModalityError, MotionInput, Name, Node, Outcome,
     PosePrior, PublishedEstimate, Reading, SimTime,
 };
 use lumenav_fusion::{Filter, Offered, Refused, Verdict};
@@ -175,9 +175,17 @@ impl Track {
         Some(estimate)
     }
 
+    /// How much of a pose the sensors of this track can tell apart.
+    fn resolves(&self) -> FixKind {
+        let of_front_ends = self.inputs.iter().filter_map(|input| input.front_end.as_ref());
+        of_front_ends.map(|front_end| front_end.resolves()).max().unwrap_or(FixKind::Full)
+    }
+
     /// Follows which instants have been published; `about` is the instant of what the step came from.
     fn published(&mut self, mut step: Step, about: SimTime) -> Step {
-        if let Some(estimate) = &step.estimate {
+        let resolved = self.resolves();
+        if let Some(estimate) = &mut step.estimate {
+            estimate.pose = estimate.pose.clone().limited_to(resolved);
             step.revision = estimate.at > about && estimate.at <= self.newest;
             self.newest = self.newest.max(estimate.at);
         }

@@ -223,3 +223,50 @@ fn law_a_filter_table_is_refused_with_what_is_allowed() {
     let refused = Track::new(Name::from("t"), inputs, None, &node("")).err().unwrap().to_string();
     assert!(refused.contains("every sensor needs a front end"), "{refused}");
 }
+
+/// Reads a full pose but says that its sensor cannot tell the roll.
+struct WithoutRoll;
+
+impl FrontEnd for WithoutRoll {
+    fn process(&mut self, reading: &Reading, prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
+        let Outcome::Measured(mut all) = Line.process(reading, prior)? else { return Ok(Outcome::Nothing) };
+        for measurement in &mut all {
+            let full = PoseEstimate {
+                kind: FixKind::Full,
+                covariance: Matrix6::identity() * 1e-6,
+                ..measurement.fix.clone().unwrap()
+            };
+            measurement.value = Arc::new(full.to_frame());
+            measurement.fix = Some(full);
+        }
+        Ok(Outcome::Measured(all))
+    }
+
+    fn resolves(&self) -> FixKind {
+        FixKind::Pointing
+    }
+}
+
+/// What no sensor of a track can tell apart is not claimed, by the filter neither; one sensor that can tell is enough.
+#[test]
+fn law_a_track_claims_no_more_than_its_sensors_resolve() {
+    let input = |name: &str, front_end: Box<dyn FrontEnd>| Input {
+        sensor: Name::from(name),
+        front_end: Some(front_end),
+        motion_input: None,
+    };
+    for filter in ["kind = \"none\"", "kind = \"eskf\""] {
+        let one_sensor = vec![input("fast", Box::new(WithoutRoll))];
+        let setup = FilterSetup { blocks: blocks(&one_sensor), ..FilterSetup::default() };
+        let build = || lumenav_fusion::build(&node(filter), &setup).unwrap();
+        let mut alone = Track::new(Name::from("t"), one_sensor, build(), &node("")).unwrap();
+        let pose = one(&mut alone, &reading("fast", 0, tenth(0), 1.0)).estimate.unwrap().pose;
+        assert_eq!(pose.kind, FixKind::Pointing);
+        assert_eq!(pose.covariance[(3, 3)], 0.0);
+        assert!(pose.covariance[(4, 4)] > 0.0);
+        let two = vec![input("fast", Box::new(WithoutRoll)), input("slow", Box::new(Line))];
+        let mut both = Track::new(Name::from("t"), two, build(), &node("")).unwrap();
+        let pose = one(&mut both, &reading("fast", 0, tenth(0), 1.0)).estimate.unwrap().pose;
+        assert_eq!(pose.kind, FixKind::Full);
+    }
+}

@@ -1,9 +1,10 @@
 //! A line of response as everything in this crate hands it on.
 
 use nalgebra::{UnitVector3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// One coincidence: when, and where its two photons were detected.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Line {
     /// Seconds since the scenario's start.
     pub t_s: f64,

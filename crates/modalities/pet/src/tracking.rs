@@ -1,1 +1,173 @@
-//! From lines to poses.
+//! From lines to poses: three trackers over windows of unlabelled lines, one trait.
+//!
+//! | tracker | what it is | source |
+//! |---|---|---|
+//! | `fcm` | free markers by fuzzy C-means over lines, pose by fitting the set to them | than2015, chapter 3 |
+//! | `rigid` | the same memberships, the pose itself by least squares | than2015, chapter 6 |
+//! | `mixture` | likelihood of the pose: a component per marker, an explicit background, noise per line from the scanner | this project |
+//!
+//! Below them: [`window`] (lines made ready for the loops), [`noise`] (covariance of a line's offset from its marker), [`centroid`],
+//! [`initialize`], [`likelihood`] (value, gradient and observed information of a pose: what a tight filter update reads) and
+//! [`points`] (one or two sources that are not on one body).
+//!
+//! Conventions: error `[δp_world (m), δθ_capsule (rad)]` at the capsule's origin, right perturbation (`lumenav_core::pose`). No
+//! tracker ever answers with a pose that the window does not support: it returns a [`Failure`] that says why.
+
+pub mod failure;
+pub mod noise;
+
+pub use failure::Failure;
+
+use crate::line::Line;
+use lumenav_core::PriorUse;
+use nalgebra::{Isometry3, Matrix6, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// What is known before a window is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Predicted pose at the window's middle.
+    pub world_from_capsule: Isometry3<f64>,
+    /// Its covariance, `[δp_world, δθ_capsule]` at the capsule's origin, m² and rad².
+    pub covariance: Matrix6<f64>,
+    /// Predicted velocity of the capsule's origin, m/s: lines are carried along it to the window's middle.
+    pub velocity_world_m_s: Vector3<f64>,
+    /// [`PriorUse::None`]: not looked at; [`PriorUse::StartOnly`]: a start point and a hint between poses that the lines cannot tell
+    /// apart; [`PriorUse::Contained`]: enters the estimate (maximum a posteriori), which then must not be fused with it again.
+    pub how: PriorUse,
+}
+
+/// What a tracker took a line for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Role {
+    /// Most likely from this marker.
+    Marker(u8),
+    /// Most likely scattered or random.
+    Background,
+    /// Thrown out before the estimate (outlier test).
+    Dropped,
+    /// Not looked at: beyond the line budget, or no line at all (ends in one place, not finite).
+    Unused,
+}
+
+/// Another pose that explains the window as well.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rival {
+    /// The pose.
+    pub world_from_capsule: Isometry3<f64>,
+    /// Its log-likelihood less that of the answer; 0 for a symmetry of the marker set.
+    pub log_likelihood_difference: f64,
+}
+
+/// A window's pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tracked {
+    /// The pose at the window's middle.
+    pub world_from_capsule: Isometry3<f64>,
+    /// Its covariance, `[δp_world, δθ_capsule]` at the capsule's origin, m² and rad².
+    pub covariance: Matrix6<f64>,
+    /// Places of the markers, m: on the rigid body for `rigid` and `mixture`, free for `fcm`.
+    pub markers_world_m: Vec<Vector3<f64>>,
+    /// Share of each marker in the lines that are not background; they sum to 1.
+    pub shares: Vec<f64>,
+    /// Share of the lines taken that are background (`mixture`), or that were thrown out (`fcm`, `rigid`).
+    pub background_share: f64,
+    /// What each line of the window was taken for.
+    pub roles: Vec<Role>,
+    /// Lines that entered.
+    pub used_lines: usize,
+    /// Log-likelihood of the window (`mixture`), or minus the cost in m² (`rigid`, `fcm`).
+    pub log_likelihood: f64,
+    /// Poses that the lines cannot tell from this one.
+    pub ambiguous: Vec<Rival>,
+    /// Whether the pose was searched for anew in this window, and why.
+    pub reinitialized: Option<Reinitialized>,
+    /// What the prior did to the pose.
+    pub prior_use: PriorUse,
+}
+
+impl Default for Tracked {
+    fn default() -> Self {
+        Self {
+            world_from_capsule: Isometry3::identity(),
+            covariance: Matrix6::identity(),
+            markers_world_m: Vec::new(),
+            shares: Vec::new(),
+            background_share: 0.0,
+            roles: Vec::new(),
+            used_lines: 0,
+            log_likelihood: 0.0,
+            ambiguous: Vec::new(),
+            reinitialized: None,
+            prior_use: PriorUse::None,
+        }
+    }
+}
+
+/// Why a pose was searched for anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Reinitialized {
+    /// There was no pose to start from.
+    FirstWindow,
+    /// The window before failed.
+    AfterFailure,
+    /// The failure prediction of than2015 section 3.4.4.
+    Predicted,
+    /// The likelihood of the windows fell.
+    LikelihoodFell,
+    /// Another order of the markers explains the last windows better.
+    Permutation,
+}
+
+/// Turns windows of lines into poses. Keeps what it learnt from one window to the next.
+pub trait Tracker: Send {
+    /// Its name in a scenario.
+    fn name(&self) -> &'static str;
+
+    /// The pose of one window, written into `out`, whose buffers are used again. After a failure `out` holds the roles alone.
+    ///
+    /// # Errors
+    /// [`Failure`]: the window does not support a pose.
+    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure>;
+
+    /// The pose of one window.
+    ///
+    /// # Errors
+    /// [`Failure`]: the window does not support a pose.
+    fn track(&mut self, lines: &[Line], prior: Option<&Prior>) -> Result<Tracked, Failure> {
+        let mut out = Tracked::default();
+        self.track_into(lines, prior, &mut out).map(|()| out)
+    }
+
+    /// What it keeps from window to window.
+    fn memory(&self) -> Memory;
+
+    /// Goes on from a memory.
+    fn recall(&mut self, memory: Memory);
+}
+
+/// What a tracker keeps from window to window: everything that its next answer depends on.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Memory {
+    /// Windows seen.
+    pub windows: u64,
+    /// The last window's pose; `None` before the first and after a failure.
+    pub world_from_capsule: Option<Isometry3<f64>>,
+    /// Centroid of the lines of the last window that had one, m.
+    pub centroid_world_m: Option<Vector3<f64>>,
+    /// Places of the markers in the last window, m.
+    pub markers_world_m: Vec<Vector3<f64>>,
+    /// Shares of the markers.
+    pub shares: Vec<f64>,
+    /// Share of background lines.
+    pub background_share: Option<f64>,
+    /// Mean log-likelihood per line of the last windows.
+    pub mean_log_likelihoods: Vec<f64>,
+    /// Marker positions in the capsule's frame as estimated so far, m; empty where they are not estimated.
+    pub markers_capsule_m: Vec<Vector3<f64>>,
+    /// Weight of that estimate, windows.
+    pub markers_weight: f64,
+    /// The last windows: their lines and the pose given for each.
+    pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
+}
+

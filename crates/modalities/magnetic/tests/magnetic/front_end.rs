@@ -277,7 +277,7 @@ fn law_single_axis_sensors_in_a_plane_do_not_take_the_mirror_image() {
             covariance: nalgebra::Matrix6::zeros(),
             kind: FixKind::Pointing,
         };
-        let prior = PosePrior { at: SimTime::ZERO, pose };
+        let prior = PosePrior { at: SimTime::ZERO, pose, velocity_world_m_s: None };
         let Outcome::Measured(all) =
             front_end.process(&reading(&installed.array, flux), Some(&prior)).unwrap()
         else {
@@ -379,6 +379,7 @@ fn law_front_ends_are_deterministic() {
                 covariance: nalgebra::Matrix6::identity() * 1e-2,
                 kind: FixKind::Full,
             },
+            velocity_world_m_s: None,
         };
         for prior in [None, Some(&prior)] {
             check_front_end_is_deterministic(&build, &readings, prior).unwrap();

@@ -1,0 +1,1 @@
+//! Covariance of a line offset.
