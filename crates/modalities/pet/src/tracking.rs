@@ -13,10 +13,17 @@
 //! Conventions: error `[δp_world (m), δθ_capsule (rad)]` at the capsule's origin, right perturbation (`lumenav_core::pose`). No
 //! tracker ever answers with a pose that the window does not support: it returns a [`Failure`] that says why.
 
+mod expected;
 pub mod failure;
+mod lanes;
+pub mod likelihood;
 pub mod noise;
+pub mod window;
 
 pub use failure::Failure;
+pub use likelihood::{Evaluation, Likelihood, Weights};
+pub use noise::{BlockNoise, LineNoise, SourceNoise};
+pub use window::{Preparation, Window};
 
 use crate::line::Line;
 use lumenav_core::PriorUse;
