@@ -188,8 +188,8 @@ impl Row {
     /// A value of ours per seed; the table shows the worst, which is the largest.
     pub fn ours_worst(mut self, name: &str, per_seed: &[f64]) -> Self {
         // A seed without a number is worse than any number.
-        let worst =
-            per_seed.iter().fold(f64::NEG_INFINITY, |a, b| if b.is_nan() { f64::NAN } else { a.max(*b) });
+        let known = per_seed.iter().all(|v| v.is_finite());
+        let worst = if known { per_seed.iter().copied().fold(f64::NEG_INFINITY, f64::max) } else { f64::NAN };
         self.ours.insert(name.to_owned(), finite(worst));
         self.per_seed.insert(name.to_owned(), per_seed.iter().map(|v| finite(*v)).collect());
         self
