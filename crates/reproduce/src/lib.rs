@@ -21,6 +21,7 @@
 
 mod context;
 mod error;
+mod files;
 mod registry;
 mod table;
 pub mod than2015;
@@ -28,6 +29,7 @@ mod verdict;
 
 pub use context::{Context, Executor, OneAfterAnother, Progress, Size};
 pub use error::ReproduceError;
+pub use files::{FilesError, check_free, table_path};
 pub use registry::{Reproduction, all, find};
 pub use table::{NamedFigure, Row, SCHEMA, Table};
 pub use verdict::{Goal, Sense, Tolerance, Verdict};
