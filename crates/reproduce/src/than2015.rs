@@ -4,6 +4,7 @@
 //! [`published`] holds the numbers, [`motion`] the paths, [`set_up`] scanners, phantoms and markers, [`scoring`] what counts as an
 //! error and as a failure. Numbers that this project has no record of are not invented: such a row says *not available*.
 
+pub mod follow;
 pub mod motion;
 pub mod published;
 pub mod scoring;
