@@ -13,15 +13,25 @@
 //! Conventions: error `[δp_world (m), δθ_capsule (rad)]` at the capsule's origin, right perturbation (`lumenav_core::pose`). No
 //! tracker ever answers with a pose that the window does not support: it returns a [`Failure`] that says why.
 
+mod body;
+pub mod centroid;
+mod climb;
+pub mod estimate_markers;
 mod expected;
 pub mod failure;
+pub mod initialize;
 mod lanes;
 pub mod likelihood;
+mod membership;
+pub mod mixture;
 pub mod noise;
+pub mod thompson;
 pub mod window;
 
+pub use climb::Limits;
 pub use failure::Failure;
 pub use likelihood::{Evaluation, Likelihood, Weights};
+pub use mixture::{Mixture, MixtureOptions};
 pub use noise::{BlockNoise, LineNoise, SourceNoise};
 pub use window::{Preparation, Window};
 
@@ -171,10 +181,8 @@ pub struct Memory {
     pub background_share: Option<f64>,
     /// Mean log-likelihood per line of the last windows.
     pub mean_log_likelihoods: Vec<f64>,
-    /// Marker positions in the capsule's frame as estimated so far, m; empty where they are not estimated.
-    pub markers_capsule_m: Vec<Vector3<f64>>,
-    /// Weight of that estimate, windows.
-    pub markers_weight: f64,
+    /// Marker positions in the capsule's frame as estimated so far; `None` where they are not estimated.
+    pub marker_estimate: Option<estimate_markers::MarkerEstimate>,
     /// The last windows: their lines and the pose given for each.
     pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
 }

@@ -1,0 +1,480 @@
+//! The project's own tracker: maximum of the robust likelihood of [`super::likelihood`], with the hypotheses that keep it honest.
+//!
+//! A window starts from the prior, or from the last pose, or (nothing known, a fallen likelihood) from a search over all attitudes:
+//! centroid, [`super::initialize`], climbs from the best candidates. Two things that a single window cannot see:
+//!
+//! - **Not enough lines for a first pose.** Where two attitudes explain the first window nearly equally well, the answer is
+//!   [`Failure::Ambiguous`], and the next search is over the lines of up to [`STACK`] windows.
+//! - **A wrong order of the markers.** A flip of the near-isosceles triangle fits nearly as well as the truth and moves with it. Every
+//!   [`TEST_EVERY`] windows the last [`STACK`] are climbed again from every other order of the markers; a better one is taken.
+//!
+//! A search follows also where the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
+//! marker set cannot tell apart are listed, and of them the nearest to the prior (or to the last pose) is the answer.
+
+use super::body::Body;
+use super::centroid::{Centroid, Weight};
+use super::climb::{Climber, Limits, NormalPrior, SharePrior, Top, covariance};
+use super::estimate_markers::MarkerEstimate;
+use super::failure::Failure;
+use super::initialize::Search;
+use super::likelihood::{Likelihood, density};
+use super::noise::LineNoise;
+use super::window::{Preparation, Window};
+use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked, Tracker};
+use crate::line::Line;
+use crate::markers::MarkerSet;
+use lumenav_core::PriorUse;
+use nalgebra::{Isometry3, Vector3};
+
+/// Windows between two tests of the markers' order.
+pub const TEST_EVERY: u64 = 10;
+/// Windows that a test or a stacked search looks at.
+pub const STACK: usize = 5;
+/// Fall of the mean log-likelihood that asks for a search, standard deviations.
+pub const FALL_SD: f64 = 4.0;
+/// Windows whose mean log-likelihood is remembered.
+const REMEMBERED: usize = 20;
+/// Least standard deviation of the mean log-likelihood per line, times the root of the lines: the law of one line has a spread of
+/// about 1.5, so a short memory must not make it smaller.
+const LEAST_SPREAD: f64 = 1.0;
+/// Another order is taken where it explains the windows better by this: odds of twenty to one.
+const BETTER: f64 = 3.0;
+/// A second attitude within this of the best makes a first pose ambiguous: odds of e^4.
+const AMBIGUOUS: f64 = 4.0;
+/// Poses whose markers agree within this are one, m: half of the shortest side.
+const SAME_POSE_M: f64 = 3e-3;
+/// Lines per degree of freedom that the markers must explain.
+const LINES_PER_FREEDOM: usize = 2;
+/// Background share before the first window: the middle of than2015 table 4.2 (20 to 50 per cent).
+const FIRST_BACKGROUND: f64 = 0.35;
+/// Steps of a climb from a candidate and in a test.
+const SEARCH_STEPS: u32 = 15;
+const TEST_STEPS: u32 = 6;
+const FULL_STEPS: u32 = 30;
+
+/// Settings of the tracker.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MixtureOptions {
+    /// Take at most so many lines of a window; `None`: all.
+    pub budget: Option<usize>,
+    /// Test the markers' order over several windows.
+    pub test_permutations: bool,
+    /// Estimate where the markers are in the capsule.
+    pub estimate_markers: bool,
+    /// Largest standard deviations of a pose.
+    pub limits: Limits,
+}
+
+impl Default for MixtureOptions {
+    fn default() -> Self {
+        Self { budget: None, test_permutations: true, estimate_markers: false, limits: Limits::default() }
+    }
+}
+
+/// The tracker.
+#[derive(Clone, Debug)]
+pub struct Mixture {
+    body: Body,
+    noise: LineNoise,
+    options: MixtureOptions,
+    likelihood: Likelihood,
+    memory: Memory,
+    shares: SharePrior,
+    estimate: Option<MarkerEstimate>,
+    window: Window,
+    other: Window,
+    centroid: Centroid,
+    search: Search,
+    climber: Climber,
+    tops: Vec<Top>,
+    stack: Vec<Line>,
+}
+
+impl Mixture {
+    /// For a marker set in a scanner.
+    pub fn new(set: &MarkerSet, noise: LineNoise, options: MixtureOptions) -> Self {
+        let body = Body::new(set);
+        Self {
+            likelihood: Likelihood::new(body.markers_m.clone()),
+            shares: SharePrior { shares: body.shares.clone(), background: FIRST_BACKGROUND },
+            estimate: options.estimate_markers.then(|| MarkerEstimate::new(&body.markers_m)),
+            climber: Climber::new(body.len()),
+            memory: Memory::default(),
+            window: Window::default(),
+            other: Window::default(),
+            centroid: Centroid::default(),
+            search: Search::default(),
+            tops: Vec::new(),
+            stack: Vec::new(),
+            body,
+            noise,
+            options,
+        }
+    }
+
+    /// The likelihood with the markers as installed or, where they are estimated, as estimated.
+    pub fn likelihood(&self) -> &Likelihood {
+        &self.likelihood
+    }
+
+    /// The window prepared last, for evaluations of [`Self::likelihood`].
+    pub fn window(&self) -> &Window {
+        &self.window
+    }
+
+    /// The shares at the last top.
+    pub fn weights(&self) -> &super::Weights {
+        &self.climber.weights
+    }
+
+    fn needed(&self) -> usize {
+        6 * LINES_PER_FREEDOM
+    }
+
+    /// Climbs from all candidates of a search in `self.window`; the tops are left in `self.tops`, best first.
+    fn search(&mut self, lines: &[Line], near: Option<Vector3<f64>>) -> Result<(), Failure> {
+        let about = near.or(self.memory.centroid_world_m).unwrap_or_default();
+        let how = Preparation { budget: self.options.budget, ..Preparation::about(about) };
+        self.window.load(lines, &how, self.needed())?;
+        let centre = self.centroid.find(&self.window, Weight::Uniform)?;
+        self.window.move_origin(&(about + centre));
+        self.window.shape(&self.noise);
+        self.memory.centroid_world_m = Some(self.window.origin_world_m);
+        let found = self.search.find(self.centroid.kept_rays(), &centre, &self.body.arms_m);
+        self.tops.clear();
+        for (_, turn) in found {
+            let start = self.body.at_centroid(&self.window.origin_world_m, turn);
+            let top = self.climber.climb(&self.likelihood, &self.window, &start, &self.shares, None, SEARCH_STEPS);
+            self.tops.push(top);
+        }
+        self.tops.sort_by(|a, b| b.objective.total_cmp(&a.objective));
+        Ok(())
+    }
+
+    /// The first pose: of this window or, where it says too little, of the last ones together.
+    fn first_pose(&mut self, lines: &[Line]) -> Result<Top, Failure> {
+        self.stack.clear();
+        for (recent, _) in &self.memory.recent {
+            self.stack.extend_from_slice(recent);
+        }
+        self.stack.extend_from_slice(lines);
+        let stack = std::mem::take(&mut self.stack);
+        let found = self.search(&stack, None).and_then(|()| self.unambiguous());
+        self.stack = stack;
+        let best = found?;
+        if self.memory.recent.is_empty() {
+            return Ok(best);
+        }
+        // The stack told the attitude; the pose is this window's.
+        let how = Preparation { budget: self.options.budget, ..Preparation::about(self.place_of(&best.pose)) };
+        self.window.prepare(lines, &self.noise, &how, self.needed())?;
+        Ok(self.climber.climb(&self.likelihood, &self.window, &best.pose, &self.shares, None, FULL_STEPS))
+    }
+
+    /// The best top, if no other place explains the lines nearly as well.
+    fn unambiguous(&self) -> Result<Top, Failure> {
+        let Some(best) = self.tops.first() else { return Err(Failure::Indefinite) };
+        let rival = self.tops[1..].iter().find(|t| self.body.distance_m(&best.pose, &t.pose) > SAME_POSE_M);
+        match rival {
+            Some(rival) if best.objective - rival.objective < AMBIGUOUS => Err(Failure::Ambiguous {
+                poses: vec![best.pose, rival.pose],
+                difference: rival.objective - best.objective,
+            }),
+            _ => Ok(*best),
+        }
+    }
+
+    fn place_of(&self, pose: &Isometry3<f64>) -> Vector3<f64> {
+        pose.transform_point(&self.body.centroid_m.into()).coords
+    }
+
+    /// A climb from a pose that is believed.
+    fn follow(
+        &mut self,
+        lines: &[Line],
+        start: &Isometry3<f64>,
+        velocity_world_m_s: Vector3<f64>,
+        prior: Option<&NormalPrior>,
+    ) -> Result<Top, Failure> {
+        let at_s = if lines.is_empty() { 0.0 } else { lines.iter().map(|l| l.t_s).sum::<f64>() / lines.len() as f64 };
+        let how = Preparation {
+            about_world_m: self.place_of(start),
+            velocity_world_m_s,
+            at_s,
+            budget: self.options.budget,
+        };
+        self.window.prepare(lines, &self.noise, &how, self.needed())?;
+        Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, FULL_STEPS))
+    }
+
+    /// Whether the log-likelihood per line fell out of what the last windows had.
+    fn fell(&self, top: &Top) -> bool {
+        let known = &self.memory.mean_log_likelihoods;
+        if known.len() < STACK {
+            return false;
+        }
+        let mean = known.iter().sum::<f64>() / known.len() as f64;
+        let variance = known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (known.len() - 1) as f64;
+        let lines = self.window.len().max(1) as f64;
+        let sd = variance.sqrt().max(LEAST_SPREAD / lines.sqrt());
+        top.log_likelihood / lines < mean - FALL_SD * sd
+    }
+
+    /// Climbs the last windows again from every other order of the markers; the turn that explains them better, if one does.
+    fn better_order(&mut self) -> Option<nalgebra::Rotation3<f64>> {
+        let count = self.body.permutations.len();
+        let mut sums = vec![0.0; count];
+        let mut here = 0.0;
+        for at in 0..self.memory.recent.len() {
+            let (lines, pose) = &self.memory.recent[at];
+            let how = Preparation::about(pose.transform_point(&self.body.centroid_m.into()).coords);
+            if self.other.prepare(lines, &self.noise, &how, 1).is_err() {
+                continue;
+            }
+            let mut climb = |start: &Isometry3<f64>| {
+                self.climber.climb(&self.likelihood, &self.other, start, &self.shares, None, TEST_STEPS).objective
+            };
+            here += climb(pose);
+            for (sum, turn) in sums.iter_mut().zip(&self.body.permutations) {
+                *sum += climb(&self.body.turned(pose, turn));
+            }
+        }
+        let best = (0..count).max_by(|a, b| sums[*a].total_cmp(&sums[*b]))?;
+        (sums[best] - here > BETTER).then(|| self.body.permutations[best])
+    }
+
+    fn remember(&mut self, lines: &[Line], pose: &Isometry3<f64>) {
+        let recent = &mut self.memory.recent;
+        if recent.len() >= STACK {
+            recent.rotate_left(1);
+            if let Some((kept, at)) = recent.last_mut() {
+                kept.clear();
+                kept.extend_from_slice(lines);
+                *at = *pose;
+            }
+        } else {
+            recent.push((lines.to_vec(), *pose));
+        }
+    }
+
+    /// The window's top, and why it was searched for.
+    fn locate(
+        &mut self,
+        lines: &[Line],
+        prior: Option<&Prior>,
+    ) -> Result<(Top, Option<Reinitialized>), Failure> {
+        let hint = prior.filter(|p| p.how != PriorUse::None);
+        let contained = hint
+            .filter(|p| p.how == PriorUse::Contained)
+            .and_then(|p| Some(NormalPrior { mean: p.world_from_capsule, information: p.covariance.cholesky()?.inverse() }));
+        let velocity = hint.map_or_else(Vector3::zeros, |p| p.velocity_world_m_s);
+        let start = hint.map(|p| p.world_from_capsule).or(self.memory.world_from_capsule);
+        let Some(start) = start else {
+            let why = if self.memory.windows == 0 { Reinitialized::FirstWindow } else { Reinitialized::AfterFailure };
+            return Ok((self.first_pose(lines)?, Some(why)));
+        };
+        let followed = self.follow(lines, &start, velocity, contained.as_ref());
+        match followed {
+            Ok(top) if top.converged && !self.fell(&top) => Ok((top, None)),
+            Err(failure @ Failure::TooFewLines { .. }) => Err(failure),
+            other => {
+                let followed = other.ok();
+                self.relocalize(lines, followed, &start, velocity, contained.as_ref())
+            }
+        }
+    }
+
+    /// A search beside the pose that was followed; the better of both.
+    fn relocalize(
+        &mut self,
+        lines: &[Line],
+        followed: Option<Top>,
+        start: &Isometry3<f64>,
+        velocity_world_m_s: Vector3<f64>,
+        contained: Option<&NormalPrior>,
+    ) -> Result<(Top, Option<Reinitialized>), Failure> {
+        self.search(lines, None)?;
+        let found = self.unambiguous();
+        let better = found.as_ref().is_ok_and(|f| followed.is_none_or(|t| f.log_likelihood > t.log_likelihood + BETTER));
+        if better || followed.is_none() {
+            return Ok((found?, Some(Reinitialized::LikelihoodFell)));
+        }
+        Ok((self.follow(lines, start, velocity_world_m_s, contained)?, None))
+    }
+
+    /// Checks that a pose is one, and writes it.
+    fn answer(&mut self, top: &Top, prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
+        let lines = self.window.len() as f64;
+        if top.effective_lines < self.needed() as f64 {
+            let background = 100.0 * (1.0 - top.effective_lines / lines);
+            return Err(Failure::Background { effective: top.effective_lines, background, needed: self.needed() });
+        }
+        if !top.converged {
+            return Err(Failure::NotConverged { steps: FULL_STEPS });
+        }
+        out.covariance = covariance(&top.information, &self.options.limits)?;
+        let hint = prior.filter(|p| p.how != PriorUse::None);
+        let near = hint.map(|p| p.world_from_capsule).or(self.memory.world_from_capsule);
+        out.world_from_capsule = near.map_or(top.pose, |near| self.body.nearest_twin(&top.pose, &near));
+        if out.world_from_capsule != top.pose {
+            let turn = out.world_from_capsule.rotation.inverse() * top.pose.rotation;
+            out.covariance = turned_covariance(&out.covariance, &turn);
+        }
+        out.ambiguous.clear();
+        out.ambiguous.extend(self.body.twins(&out.world_from_capsule).map(|world_from_capsule| Rival {
+            world_from_capsule,
+            log_likelihood_difference: 0.0,
+        }));
+        let pose = out.world_from_capsule;
+        out.markers_world_m.clear();
+        out.markers_world_m
+            .extend(self.likelihood.markers_capsule_m.iter().map(|m| pose.transform_point(&(*m).into()).coords));
+        out.shares.clone_from(&self.climber.weights.shares);
+        out.background_share = self.climber.weights.background;
+        out.used_lines = self.window.len();
+        out.log_likelihood = top.log_likelihood;
+        out.prior_use = hint.map_or(PriorUse::None, |p| p.how);
+        Ok(())
+    }
+
+    /// The likeliest origin of each line.
+    fn roles(&self, pose: &Isometry3<f64>, roles: &mut [Role]) {
+        let mut placed = [super::likelihood::Placed::default(); super::likelihood::MAX_MARKERS];
+        let weights = &self.climber.weights;
+        let used = self.likelihood.place(pose, &self.window.origin_world_m, weights, &mut placed);
+        for (pack, shape) in self.window.shapes.iter().enumerate() {
+            let background = shape.background;
+            let mut best = background.0.map(|b| (b * weights.background, Role::Background));
+            for (j, p) in placed[..used].iter().enumerate() {
+                let of_marker = density(shape, p).0;
+                for (best, value) in best.iter_mut().zip(of_marker) {
+                    if value > best.0 {
+                        *best = (value, Role::Marker(j as u8));
+                    }
+                }
+            }
+            for (lane, (_, role)) in best.into_iter().enumerate() {
+                if let Some(index) = self.window.indices.get(pack * super::lanes::LANES + lane) {
+                    roles[*index as usize] = role;
+                }
+            }
+        }
+    }
+
+    /// What a good window teaches.
+    fn learn(&mut self, lines: &[Line], top: &Top, out: &mut Tracked) {
+        let known = &mut self.memory.mean_log_likelihoods;
+        if known.len() >= REMEMBERED {
+            known.remove(0);
+        }
+        known.push(top.log_likelihood / self.window.len().max(1) as f64);
+        // The background's share follows over some windows.
+        self.shares.background += 0.2 * (self.climber.weights.background - self.shares.background);
+        self.memory.background_share = Some(self.shares.background);
+        self.memory.shares.clone_from(&self.climber.weights.shares);
+        self.memory.centroid_world_m = Some(self.place_of(&out.world_from_capsule));
+        self.memory.markers_world_m.clone_from(&out.markers_world_m);
+        self.memory.world_from_capsule = Some(out.world_from_capsule);
+        self.remember(lines, &out.world_from_capsule);
+        if let Some(estimate) = &mut self.estimate {
+            estimate.add(&self.window, &self.likelihood, &out.world_from_capsule, &self.climber.weights);
+            self.likelihood.markers_capsule_m.clone_from_slice(estimate.markers_m());
+            self.memory.marker_estimate = Some(estimate.clone());
+        }
+    }
+}
+
+/// A covariance told in capsule axes that are turned: `θ_new = turn · θ_old`.
+fn turned_covariance(
+    covariance: &nalgebra::Matrix6<f64>,
+    turn: &nalgebra::UnitQuaternion<f64>,
+) -> nalgebra::Matrix6<f64> {
+    let mut jacobian = nalgebra::Matrix6::identity();
+    jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn.to_rotation_matrix().into_inner());
+    jacobian * covariance * jacobian.transpose()
+}
+
+impl Tracker for Mixture {
+    fn name(&self) -> &'static str {
+        "mixture"
+    }
+
+    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
+        out.roles.clear();
+        out.roles.resize(lines.len(), Role::Unused);
+        out.reinitialized = None;
+        let located = self.locate(lines, prior);
+        let done = located.and_then(|(top, why)| {
+            self.answer(&top, prior, out)?;
+            out.reinitialized = why;
+            Ok(top)
+        });
+        self.memory.windows += 1;
+        let top = match done {
+            Ok(top) => top,
+            Err(failure) => {
+                self.forget(lines, &failure);
+                return Err(failure);
+            }
+        };
+        if matches!(out.reinitialized, Some(Reinitialized::FirstWindow | Reinitialized::AfterFailure | Reinitialized::LikelihoodFell)) {
+            self.memory.recent.clear();
+        }
+        self.roles(&out.world_from_capsule, &mut out.roles);
+        self.learn(lines, &top, out);
+        let due = self.memory.windows.is_multiple_of(TEST_EVERY) && self.memory.recent.len() == STACK;
+        if self.options.test_permutations && due {
+            self.test_order(lines, prior, out);
+        }
+        Ok(())
+    }
+
+    fn memory(&self) -> Memory {
+        self.memory.clone()
+    }
+
+    fn recall(&mut self, memory: Memory) {
+        self.shares.background = memory.background_share.unwrap_or(FIRST_BACKGROUND);
+        if let Some(estimate) = &memory.marker_estimate {
+            self.likelihood.markers_capsule_m.clone_from_slice(estimate.markers_m());
+            self.estimate = Some(estimate.clone());
+        }
+        self.memory = memory;
+    }
+}
+
+impl Mixture {
+    /// After a failure: the pose is forgotten, the lines are kept where the trouble was ambiguity.
+    fn forget(&mut self, lines: &[Line], failure: &Failure) {
+        let searching = self.memory.world_from_capsule.is_none();
+        self.memory.world_from_capsule = None;
+        match failure {
+            Failure::Ambiguous { .. } if searching => self.remember(lines, &Isometry3::identity()),
+            _ => self.memory.recent.clear(),
+        }
+        if !searching {
+            self.memory.mean_log_likelihoods.clear();
+        }
+    }
+
+    /// Takes another order of the markers where the last windows ask for it: this window is answered anew.
+    fn test_order(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) {
+        let Some(turn) = self.better_order() else { return };
+        let start = self.body.turned(&out.world_from_capsule, &turn);
+        let Ok(top) = self.follow(lines, &start, Vector3::zeros(), None) else { return };
+        // The prior is of the wrong order: it must not pull the answer back, nor choose between twins.
+        let free = prior.map(|p| Prior { how: PriorUse::None, ..*p });
+        let mut anew = out.clone();
+        if self.answer(&top, free.as_ref(), &mut anew).is_err() {
+            return;
+        }
+        *out = anew;
+        out.reinitialized = Some(Reinitialized::Permutation);
+        self.roles(&out.world_from_capsule, &mut out.roles);
+        for (_, pose) in &mut self.memory.recent {
+            *pose = self.body.turned(pose, &turn);
+        }
+        self.memory.world_from_capsule = Some(out.world_from_capsule);
+        self.memory.markers_world_m.clone_from(&out.markers_world_m);
+    }
+}
