@@ -7,10 +7,18 @@
 pub mod follow;
 pub mod motion;
 pub mod published;
+mod rates;
 pub mod scoring;
 pub mod set_up;
+pub mod source;
 
 use crate::registry::Reproduction;
 
 /// The reproductions of this publication.
-pub(crate) const ALL: &[Reproduction] = &[];
+pub(crate) const ALL: &[Reproduction] = &[Reproduction {
+    id: "than2015/rates",
+    source: "than2015, table 4.2",
+    about: "lines per window and their true share: five water cylinders, full ring and reduced scanner",
+    default_seeds: &[1],
+    run: rates::run,
+}];
