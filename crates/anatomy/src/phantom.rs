@@ -2,13 +2,21 @@
 //!
 //! A [`Phantom`] tells the material at a place and how far a ray runs in it. Each [`Material`] has a linear attenuation coefficient
 //! at 511 keV; at the energies that pass a PET scanner's window attenuation in tissue is Compton scattering alone, so whoever
-//! transports photons scales it by the Klein-Nishina cross section. Frame: the torso's, which stands in the world unless a bed or
+//! transports photons scales it by the Klein-Nishina cross section. Voxels come from label images ([`image`]: NIfTI, MetaImage,
+//! Interfile) or from the project's own [`torso`]. Frame: the torso's, which stands in the world unless a bed or
 //! a patient moves it.
+
+pub mod image;
+pub mod torso;
+pub mod voxels;
+
+pub use voxels::VoxelGrid;
 
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{ConfigError, Node};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// `[phantom]` of a file in `models/phantoms`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -35,18 +43,22 @@ enum PhantomTable {
         length_mm: Positive,
         material: MaterialTable,
     },
+    /// A label image, and what its labels are.
+    Voxels(image::VoxelsTable),
+    /// An elliptic body with lungs, spine, heart and the lumen of a tract.
+    Torso(torso::TorsoTable),
 }
 
 /// `material` of a phantom.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct MaterialTable {
+pub(crate) struct MaterialTable {
     name: String,
     attenuation_511_per_cm: NonNegative,
 }
 
 impl MaterialTable {
-    fn material(&self) -> Material {
+    pub(crate) fn material(&self) -> Material {
         Material { name: self.name.clone(), attenuation_511_per_m: self.attenuation_511_per_cm.0 * 100.0 }
     }
 }
@@ -123,6 +135,7 @@ pub struct Phantom {
 #[derive(Clone, Debug, PartialEq)]
 enum Shape {
     Cylinder(EllipticCylinder, Material),
+    Voxels(Arc<VoxelGrid>),
 }
 
 /// No phantom is larger than this, m.
@@ -149,6 +162,8 @@ impl Phantom {
                 material,
                 ..
             } => (name, centre_mm, [0.5 * width_mm.0, 0.5 * depth_mm.0], length_mm, material),
+            PhantomTable::Voxels(table) => return Ok(Self::voxels(&table.name, table.grid(&node)?)),
+            PhantomTable::Torso(table) => return Ok(Self::voxels(&table.name, table.grid(&node)?)),
         };
         let cylinder = EllipticCylinder {
             centre_m: Vector3::from(centre_mm.map(|v| v.0)) * 1e-3,
@@ -173,10 +188,24 @@ impl Phantom {
         Self { name: name.to_owned(), shape: Shape::Cylinder(cylinder, material) }
     }
 
+    /// A phantom of voxels.
+    pub fn voxels(name: &str, grid: VoxelGrid) -> Self {
+        Self { name: name.to_owned(), shape: Shape::Voxels(Arc::new(grid)) }
+    }
+
+    /// Its voxels, where it is made of voxels.
+    pub fn grid(&self) -> Option<&VoxelGrid> {
+        match &self.shape {
+            Shape::Voxels(grid) => Some(grid),
+            Shape::Cylinder(..) => None,
+        }
+    }
+
     /// Material at a place; `None` outside.
     pub fn material_at(&self, place_m: &Vector3<f64>) -> Option<&Material> {
         match &self.shape {
             Shape::Cylinder(cylinder, material) => cylinder.contains(place_m).then_some(material),
+            Shape::Voxels(grid) => grid.material_at(place_m),
         }
     }
 
@@ -189,6 +218,7 @@ impl Phantom {
     pub fn largest_attenuation_511_per_m(&self) -> f64 {
         match &self.shape {
             Shape::Cylinder(_, material) => material.attenuation_511_per_m,
+            Shape::Voxels(grid) => grid.largest_attenuation_511_per_m(),
         }
     }
 
@@ -196,6 +226,7 @@ impl Phantom {
     pub fn uniform_attenuation_511_per_m(&self) -> Option<f64> {
         match &self.shape {
             Shape::Cylinder(_, material) => Some(material.attenuation_511_per_m),
+            Shape::Voxels(_) => None,
         }
     }
 
@@ -203,6 +234,7 @@ impl Phantom {
     pub fn chord_m(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
         match &self.shape {
             Shape::Cylinder(cylinder, _) => cylinder.chord_m(from_m, direction),
+            Shape::Voxels(grid) => grid.chord_m(from_m, direction),
         }
     }
 
@@ -215,6 +247,7 @@ impl Phantom {
                     .map_or(0.0, |(near, far)| far.max(0.0) - near.max(0.0));
                 inside_m * material.attenuation_511_per_m
             }
+            Shape::Voxels(grid) => grid.optical_depth_511(from_m, direction),
         }
     }
 }

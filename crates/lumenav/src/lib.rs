@@ -26,6 +26,7 @@ pub use lumenav_fields as fields;
 pub use lumenav_figures as figures;
 pub use lumenav_fusion as fusion;
 pub use lumenav_magnetic as magnetic;
+pub use lumenav_pet as pet;
 pub use lumenav_pipeline as pipeline;
 #[cfg(feature = "recording")]
 pub use lumenav_recording as recording;
@@ -50,7 +51,7 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// All modalities that lumenav ships. A program of your own adds its plugin with [`Registry::with`].
 pub fn default_registry() -> Registry {
-    Registry::new().with(lumenav_magnetic::Magnetic)
+    Registry::new().with(lumenav_magnetic::Magnetic).with(lumenav_pet::Pet)
 }
 
 /// The models folder: as given, else `LUMENAV_MODELS`, else the nearest `models` beside or above `file`, else `models` in the

@@ -10,7 +10,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+pub mod columns;
 pub mod place;
+pub mod rows;
 pub mod tum;
 
 /// What to do with a bad row.

@@ -72,3 +72,12 @@ fn published_rates_fall_with_the_cylinder_on_any_threads() {
         assert!((ours - row.published.unwrap()).abs() < 12.0, "{row:?}");
     }
 }
+
+#[test]
+fn published_dose_bound_is_met() {
+    let table = quick("than2015/dose", &OneAfterAnother);
+    check(&table);
+    let bound = table.rows.iter().find(|row| row.published == Some(8.04)).unwrap();
+    assert_eq!(bound.verdict, Verdict::Reproduced, "{bound:?}");
+    assert!(table.seeds.is_empty());
+}

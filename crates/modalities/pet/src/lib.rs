@@ -6,20 +6,69 @@
 //!
 //! | physics | [`scanner`] (blocks, crystals, index ↔ position), [`markers`], [`simulation`] (from decays to lines) |
 //! |---|---|
-//! | estimators | [`line`], [`tracking`] (`fcm`, `rigid`, `mixture`), [`planning`] (dose, activity, expected accuracy) |
-//! | files | [`reader`] |
+//! | world | [`sensor`] |
+//! | estimators | [`line`], [`tracking`] (`fcm`, `rigid`, `mixture`), [`front_end`], [`model`] (lines as they are, for the filter) |
+//! | before an exam | [`planning`] (dose, activity, expected accuracy) |
+//! | files | [`config`], [`payload`], [`reader`] |
 //!
 //! Source: T. D. Than, *Localization and tracking of robotic endoscopic capsules using multiple positron emission markers*, PhD
 //! thesis, University of Wollongong, 2015 (`than2015`), with its slips corrected where a file's head says so.
 
+pub mod config;
+pub mod front_end;
 pub mod line;
 pub mod markers;
+pub mod model;
+pub mod payload;
 pub mod planning;
 pub mod reader;
 pub mod scanner;
+pub mod sensor;
 pub mod simulation;
 pub mod tracking;
 
 pub use line::Line;
 pub use markers::{Marker, MarkerSet};
 pub use scanner::{CrystalIndex, Scanner};
+
+use config::{Installed, OPTIONS_SOURCES, OptionsTable, REALITY_SOURCES, RealityTable};
+use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
+use sensor::PetSensor;
+
+/// The plugin.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pet;
+
+impl Modality for Pet {
+    fn kind(&self) -> &'static str {
+        "pet"
+    }
+
+    fn about(&self) -> &'static str {
+        "positron markers in the capsule, coincidence detectors around the body (6 degrees of freedom)"
+    }
+
+    fn front_ends(&self) -> &'static [&'static str] {
+        &["mixture", "rigid", "fcm", "lines", "points"]
+    }
+
+    fn sensor(&self, installed: &Node, reality: &Node, setup: &Setup) -> Result<Box<dyn Sensor>, ModalityError> {
+        let opened = Installed::from_node(installed, setup)?;
+        let table: RealityTable = reality.parse_sourced(&REALITY_SOURCES)?;
+        let Some(schedule) = setup.schedule else {
+            return Err(installed.error("a simulated sensor needs a [sensor.schedule]").into());
+        };
+        Ok(Box::new(PetSensor::new(setup, opened, table, reality, schedule)?))
+    }
+
+    fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
+        let opened = Installed::from_node(installed, setup)?;
+        let table: OptionsTable = options.parse_sourced(&OPTIONS_SOURCES)?;
+        front_end::build(&opened, &table, setup)
+    }
+
+    fn reader(&self, installed: &Node, files: &Node, setup: &Setup) -> Result<ReadingStream, ModalityError> {
+        let opened = Installed::from_node(installed, setup)?;
+        reader::open(&opened.scanner, files, setup)
+    }
+}

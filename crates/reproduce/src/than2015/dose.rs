@@ -1,12 +1,13 @@
-//! Section 3.6, figure 3.10: the dose of a resting capsule, an upper bound, and what the formulas give around it.
+//! Section 3.6, figure 3.10: the dose of a resting capsule, an upper bound, and the smallest activity for a wanted rate of poses.
 
-use super::published::{DOSE_BOUND_MSV, GAMMA_NA22_USV_H_PER_MBQ};
+use super::published::{DOSE_BOUND_MSV, GAMMA_NA22_USV_H_PER_MBQ, RATES};
 use super::set_up;
 use crate::ReproduceError;
 use crate::context::Context;
 use crate::table::{NamedFigure, Row, Table};
 use crate::verdict::{Sense, Tolerance};
 use lumenav_figures::{Axis, Figure, Panel, Series};
+use lumenav_pet::planning::activity::{Geometry, smallest_activity_bq};
 use lumenav_pet::planning::dose::{SODIUM_22_SV_M2_PER_H_BQ, dose_bound_sv, dose_rate_sv_per_h};
 
 /// The case of section 3.6: 10 h at 50 mm.
@@ -19,6 +20,9 @@ const TOLERANCE: f64 = 0.005;
 /// Distances of the figure, mm.
 const DISTANCES_MM: [f64; 2] = [20.0, 200.0];
 const CURVE_POINTS: usize = 46;
+/// Rate of poses of the simulations, Hz.
+const RATE_HZ: f64 = 20.0;
+const GEOMETRIES: [(Geometry, &str); 2] = [(Geometry::FullRing, "full ring"), (Geometry::Reduced, "reduced scanner")];
 
 /// Runs it.
 pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
@@ -51,6 +55,17 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
                 .not_comparable("not available: of figure 3.10 this project has no numbers"),
         );
     }
+    for (geometry, name) in GEOMETRIES {
+        for published in RATES {
+            let Some(activity_bq) = smallest_activity_bq(geometry, published.diameter_cm * 1e-2, RATE_HZ) else { continue };
+            let quantity = format!("smallest activity per marker at {RATE_HZ} Hz, {name}, {} cm", published.diameter_cm);
+            table.rows.push(
+                Row::new(quantity, "MBq", None)
+                    .ours("formula", activity_bq * 1e-6)
+                    .not_comparable("not available: the source states the formula, of its values this project has none"),
+            );
+        }
+    }
     table.note(
         "a bound for a capsule at rest with all activity in one point; what a transit leaves along the wall of a tract is a matter of \
          planning, not of this table",
@@ -71,5 +86,16 @@ fn figure(bound_msv: Dose<'_>, behind_msv: Dose<'_>) -> Result<NamedFigure, Repr
         .with(Series::ours(0, "nothing between").line(0).points(&along(bound_msv)))
         .with(Series::ours(1, "water between").line(1).points(&along(behind_msv)))
         .with(Series::published("than2015, section 3.6").symbols().points(&[(DISTANCE_M * 1e3, DOSE_BOUND_MSV)]));
-    Ok(NamedFigure { name: String::new(), svg: Figure::of(panel).to_svg()? })
+    let mut activity = Panel::new(
+        Axis::linear("diameter of the body (cm)"),
+        Axis::logarithmic(&format!("activity per marker at {RATE_HZ} Hz (MBq)")),
+    );
+    for (k, (geometry, name)) in GEOMETRIES.into_iter().enumerate() {
+        let at = |step: u32| 20.0 + f64::from(step) * 0.5;
+        let curve: Vec<(f64, f64)> = (0..=40)
+            .filter_map(|step| Some((at(step), smallest_activity_bq(geometry, at(step) * 1e-2, RATE_HZ)? * 1e-6)))
+            .collect();
+        activity = activity.with(Series::ours(k + 2, name).line(k).points(&curve));
+    }
+    Ok(NamedFigure { name: String::new(), svg: Figure::grid(vec![panel, activity], 2).to_svg()? })
 }

@@ -1,0 +1,187 @@
+//! The tables of a PET sensor in a scenario.
+//!
+//! `[sensor.installed]` is what both sides know (scanner, how it tells the ends of a line, the body it looks through),
+//! `[sensor.reality]` what the world does beyond it (how it is simulated, markers that sit or decay elsewhere than told), and
+//! `[track.sensor.<name>]` what an estimator is told to do. The markers stand in the capsule's model: `[[marker]]`.
+
+use crate::markers::{Marker, MarkerSet};
+use crate::scanner::Scanner;
+use crate::simulation::{EndPoints, Isotope, Mode, Scintillator};
+use lumenav_anatomy::phantom::Phantom;
+use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
+use lumenav_core::{ModalityError, Node, Setup};
+use serde::{Deserialize, Serialize};
+
+/// `[sensor.installed]`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InstalledTable {
+    /// Name of a scanner in `models/scanners`, or a path.
+    pub scanner: String,
+    /// Name of a phantom in `models/phantoms`, or a path; absent: air.
+    pub phantom: Option<String>,
+    /// What is told of a line's ends.
+    #[serde(default)]
+    pub end_points: EndPoints,
+    /// Length of a window, ms; absent: the schedule's period. Never longer than that.
+    pub window_ms: Option<Positive>,
+}
+
+/// `[sensor.reality]`: what the world does that no estimator is told.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RealityTable {
+    /// How lines are made: `analog`, `forced` or `tabulated`.
+    pub mode: Mode,
+    /// FWHM of the angle between the photons' directions and a straight line, degrees.
+    pub acollinearity_fwhm_deg: NonNegative,
+    /// Standard deviation of each marker's misplacement, mm per axis.
+    pub marker_placement_sigma_mm: NonNegative,
+    /// Misplacement of each marker in the capsule's frame, mm, one after the other; added to the drawn one.
+    pub marker_misplacement_mm: Vec<[Finite; 3]>,
+    /// Activity of each marker over the one told; absent: as told.
+    pub marker_activity_factor: Vec<Positive>,
+}
+
+impl Default for RealityTable {
+    fn default() -> Self {
+        Self {
+            mode: Mode::default(),
+            acollinearity_fwhm_deg: NonNegative(0.5),
+            marker_placement_sigma_mm: NonNegative(0.0),
+            marker_misplacement_mm: Vec::new(),
+            marker_activity_factor: Vec::new(),
+        }
+    }
+}
+
+/// What a front end makes of a window.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Output {
+    /// A pose by the mixture's likelihood.
+    #[default]
+    Mixture,
+    /// A pose by the rigid body of than2015, chapter 6.
+    Rigid,
+    /// A pose by fuzzy C-means, than2015, chapter 3.
+    Fcm,
+    /// The lines themselves for the filter; a pose only to start from.
+    Lines,
+    /// Independent points, one per marker: calibration sources without a capsule.
+    Points,
+}
+
+/// `[track.sensor.<name>]` for a PET sensor.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OptionsTable {
+    /// `mixture`, `rigid`, `fcm` (poses), `lines` (for the filter) or `points`.
+    pub front_end: Output,
+    /// Independent points that `points` looks for, 1 or 2. Absent: 1.
+    pub points: Option<u32>,
+    /// Which of them this track follows, from 1, in the order in which the first window found them (from -x to +x). Absent: 1.
+    pub point: Option<u32>,
+    /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
+    pub most_lines: Option<u32>,
+}
+
+/// Where the defaults of these tables come from: key and source.
+pub const INSTALLED_SOURCES: [(&str, &str); 3] = [
+    ("phantom", "chosen: nothing around the capsule"),
+    ("end_points", "chosen: crystal centres, as list-mode data have them"),
+    ("window_ms", "chosen: windows follow each other without a gap"),
+];
+
+/// See [`INSTALLED_SOURCES`].
+pub const REALITY_SOURCES: [(&str, &str); 5] = [
+    ("mode", "chosen: `forced`, unbiased and fast enough for a minute"),
+    ("acollinearity_fwhm_deg", "about 0.5 degrees in water, than2015, section 2.2"),
+    ("marker_placement_sigma_mm", "chosen: markers sit where the model says unless the scenario says else"),
+    ("marker_misplacement_mm", "chosen: markers sit where the model says unless the scenario says else"),
+    ("marker_activity_factor", "chosen: markers are as active as the model says unless the scenario says else"),
+];
+
+/// See [`INSTALLED_SOURCES`].
+pub const OPTIONS_SOURCES: [(&str, &str); 4] = [
+    ("front_end", "chosen: the estimator that gives a covariance"),
+    ("points", "chosen: one source"),
+    ("point", "chosen: the first"),
+    ("most_lines", "chosen: no line is thrown away unseen"),
+];
+
+/// `[sensor.installed]` with its models opened.
+#[derive(Clone, Debug)]
+pub struct Installed {
+    /// The table.
+    pub table: InstalledTable,
+    /// The scanner.
+    pub scanner: Scanner,
+    /// Its crystals.
+    pub scintillator: Scintillator,
+    /// The body, where there is one.
+    pub phantom: Option<Phantom>,
+}
+
+impl Installed {
+    /// Reads the table and the scanner's, scintillator's and phantom's files.
+    ///
+    /// # Errors
+    /// [`ModalityError::Config`] with file, line and key.
+    pub fn from_node(node: &Node, setup: &Setup) -> Result<Self, ModalityError> {
+        let table: InstalledTable = node.parse_sourced(&INSTALLED_SOURCES)?;
+        let file = setup.models.open("scanners", &table.scanner, node, "scanner")?;
+        let scanner = Scanner::from_node(&file)?;
+        let crystals = setup.models.open(
+            "scintillators",
+            &scanner.detection.scintillator,
+            &file.child_or_empty("detection"),
+            "scintillator",
+        )?;
+        let scintillator = Scintillator::from_node(&crystals)?;
+        let phantom = match &table.phantom {
+            Some(name) => Some(Phantom::from_node(&setup.models.open("phantoms", name, node, "phantom")?)?),
+            None => None,
+        };
+        if let (Some(window), Some(schedule)) = (table.window_ms, setup.schedule) {
+            let period_ms = 1e3 / schedule.rate_hz.0;
+            if window.0 > period_ms * (1.0 + 1e-9) {
+                let message = format!("a window of {} ms at a period of {period_ms} ms; allowed: up to the period", window.0);
+                return Err(node.error_at("window_ms", &message).into());
+            }
+        }
+        Ok(Self { table, scanner, scintillator, phantom })
+    }
+}
+
+/// The isotope of every marker, opened.
+///
+/// # Errors
+/// [`ModalityError::Config`] with file, line and key.
+pub fn isotopes(markers: &MarkerSet, setup: &Setup) -> Result<Vec<Isotope>, ModalityError> {
+    let nodes = setup.capsule_model.children("marker")?;
+    let open = |(marker, node): (&Marker, &Node)| -> Result<Isotope, ModalityError> {
+        Ok(Isotope::from_node(&setup.models.open("isotopes", &marker.isotope, node, "isotope")?)?)
+    };
+    markers.markers.iter().zip(&nodes).map(open).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn law_every_default_has_a_source() {
+        let node = Node::parse_text("scanner = \"a\"\n", "s.toml", Path::new(""), &[]).unwrap();
+        let _: InstalledTable = node.parse_sourced(&INSTALLED_SOURCES).unwrap();
+        let empty = node.child_or_empty("nothing");
+        let _: RealityTable = empty.parse_sourced(&REALITY_SOURCES).unwrap();
+        let _: OptionsTable = empty.parse_sourced(&OPTIONS_SOURCES).unwrap();
+        let rows: Vec<_> = node.log().entries().iter().flat_map(lumenav_core::Resolved::rows).collect();
+        assert!(rows.len() > 10, "{}", rows.len());
+        for row in rows {
+            assert!(row.set || row.source.is_some(), "{} has no source", row.key);
+        }
+    }
+}

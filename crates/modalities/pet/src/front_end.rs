@@ -1,0 +1,362 @@
+//! From a window of lines to a measurement.
+//!
+//! `mixture`, `rigid` and `fcm` answer with a pose of their own; the filter's prediction, where there is one, is a start point and
+//! no evidence. `lines` hands the window to the filter as it is, with the mixture's likelihood as its model: below a hundred lines a
+//! window alone has several poses that explain it, and only the likelihood itself, not one peak of it, can be weighed against a
+//! prediction.
+//!
+//! A filter that holds a pose with two markers exchanged would go on holding it: near the wrong peak every window agrees. The
+//! mixture therefore follows every window beside the filter and tests the orders of the markers over the last ones. Where it
+//! settles on another pose than the filter's, the front end *insists*: it hands over that pose instead of lines until the filter,
+//! which refuses it at first, has given up its belief and started from it.
+
+use crate::config::{Installed, OptionsTable, Output};
+use crate::line::Line;
+use crate::markers::MarkerSet;
+use crate::model::{FixOfLines, LinesModel};
+use crate::payload;
+use crate::tracking::likelihood::{Likelihood, Weights};
+use crate::tracking::mixture::{Mixture, MixtureOptions};
+use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
+use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
+use crate::tracking::{Failure, Memory, Prior, Reinitialized, Role, Tracked, Tracker};
+use lumenav_core::fix::FixModel;
+use lumenav_core::pose::ominus;
+use lumenav_core::{
+    Estimator, FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior, Primitive,
+    PriorUse, Reading, Setup,
+};
+use nalgebra::{Isometry3, Matrix6, Vector3};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Squared distance of two poses, in standard deviations, beyond which they are not the same: χ² of 6 at 0.9999.
+const SAME_POSE: f64 = 27.86;
+
+/// A filter that has not come round after so many windows is left alone: half a second at 20 Hz.
+const LONGEST_INSISTENCE: u32 = 10;
+
+/// Variance of an angle that nobody told, rad²: uniform on the circle.
+const UNKNOWN_ANGLE_RAD2: f64 = std::f64::consts::PI * std::f64::consts::PI / 3.0;
+
+/// What the front end keeps between windows, as it is written to a snapshot.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+struct Kept {
+    tracker: Memory,
+    insisting: u32,
+}
+
+/// The estimator side of a scanner, for a rigid set of markers.
+pub struct PetFrontEnd {
+    sensor: Name,
+    output: Output,
+    tracker: Box<dyn Tracker>,
+    model: LinesModel,
+    /// Some rotation maps the markers onto themselves.
+    symmetric: bool,
+    markers: MarkerSet,
+    tracked: Tracked,
+    lines: Vec<Line>,
+    /// Windows for which the front end has insisted on its own pose.
+    insisting: u32,
+}
+
+impl PetFrontEnd {
+    /// A front end with a tracker of its own.
+    pub fn new(sensor: Name, markers: MarkerSet, output: Output, tracker: Box<dyn Tracker>, model: LinesModel) -> Self {
+        let symmetric = !markers.symmetries(SYMMETRIC_WITHIN_M, ACTIVITIES_ALIKE).is_empty();
+        Self {
+            sensor,
+            output,
+            tracker,
+            model,
+            symmetric,
+            markers,
+            tracked: Tracked::default(),
+            lines: Vec::new(),
+            insisting: 0,
+        }
+    }
+
+    /// What a pose of these markers can claim.
+    fn kind(&self) -> FixKind {
+        if self.symmetric { FixKind::Pointing } else { FixKind::Full }
+    }
+
+    /// The window as the filter's model, about a pose; `None` where it holds too few lines.
+    fn window_about(&self, pose: &Isometry3<f64>, prior: Option<&Prior>, at_s: f64) -> Result<LinesModel, Failure> {
+        let centroid = pose * nalgebra::Point3::from(self.markers.centroid_capsule_m());
+        let how = Preparation {
+            about_world_m: centroid.coords,
+            velocity_world_m_s: prior.map_or_else(Vector3::zeros, |p| p.velocity_world_m_s),
+            at_s,
+            budget: None,
+        };
+        let mut window = Window::default();
+        window.prepare(&self.lines, &self.model.noise, &how, FEWEST_LINES)?;
+        Ok(LinesModel { window: Arc::new(window), ..self.model.clone() })
+    }
+
+    /// Share of the background with the pose held fixed, by expectation-maximisation: how the lines divide where the tracker could
+    /// not say.
+    fn background_at(model: &mut LinesModel, pose: &Isometry3<f64>) -> f64 {
+        let lines = model.window.len().max(1) as f64;
+        let mut explained = 0.0;
+        for _ in 0..BACKGROUND_STEPS {
+            let found = model.evaluate(pose);
+            explained = found.effective_lines();
+            model.weights.background = ((found.background_lines + 1.0) / (lines + 2.0)).clamp(0.0, 1.0);
+        }
+        explained
+    }
+
+    fn measured(
+        &self,
+        reading: &Reading,
+        value: lumenav_core::Frame,
+        model: Arc<dyn MeasurementModel>,
+        fix: Option<PoseEstimate>,
+        prior_use: PriorUse,
+    ) -> Outcome {
+        Outcome::Measured(vec![Measurement {
+            sensor: self.sensor.clone(),
+            sequence: reading.sequence,
+            at: reading.at(),
+            arrival: reading.arrival,
+            since: None,
+            value: Arc::new(value),
+            model,
+            prior_use,
+            fix,
+        }])
+    }
+
+    /// The tracker's pose as a fix.
+    fn fix(&self) -> PoseEstimate {
+        PoseEstimate {
+            world_from_capsule: self.tracked.world_from_capsule,
+            covariance: self.tracked.covariance,
+            kind: FixKind::Full,
+        }
+        .limited_to(self.kind())
+    }
+
+    fn pose_outcome(&self, reading: &Reading, prior: Option<&Prior>) -> Outcome {
+        let fix = self.fix();
+        let used = self.tracked.prior_use;
+        let model: Arc<dyn MeasurementModel> =
+            match self.window_about(&self.tracked.world_from_capsule, prior, reading.at().seconds()) {
+                Ok(mut lines) => {
+                    lines.weights = self.weights();
+                    Arc::new(FixOfLines(lines))
+                }
+                Err(_) => Arc::new(FixModel),
+            };
+        self.measured(reading, fix.to_frame(), model, Some(fix), used)
+    }
+
+    fn weights(&self) -> Weights {
+        if self.tracked.shares.len() == self.markers.len() {
+            Weights { shares: self.tracked.shares.clone(), background: self.tracked.background_share }
+        } else {
+            self.model.weights.clone()
+        }
+    }
+
+    /// The lines for a filter that holds a pose already.
+    fn lines_outcome(&mut self, reading: &Reading, prior: &Prior, tracked: Result<(), Failure>) -> Outcome {
+        if tracked.is_ok() && self.must_insist(prior) {
+            self.insisting += 1;
+            return self.pose_outcome(reading, Some(prior));
+        }
+        self.insisting = 0;
+        let about = prior.world_from_capsule;
+        let mut model = match self.window_about(&about, Some(prior), reading.at().seconds()) {
+            Ok(model) => model,
+            Err(why) => return refused(&why.to_string()),
+        };
+        model.weights = self.weights();
+        let explained = match tracked {
+            Ok(()) => model.evaluate(&about).effective_lines(),
+            Err(_) => Self::background_at(&mut model, &about),
+        };
+        if explained < FEWEST_EXPLAINED {
+            let given = model.window.len();
+            return refused(&format!("{explained:.1} of {given} lines pass the markers; needed: {FEWEST_EXPLAINED}"));
+        }
+        self.measured(reading, reading.payload.clone(), Arc::new(model), None, PriorUse::StartOnly)
+    }
+
+    /// Whether the tracker has settled on another pose than the filter's: it begins where the tracker has just found one by a test
+    /// over several windows, and ends where the filter has come round or will not.
+    fn must_insist(&self, prior: &Prior) -> bool {
+        let found = matches!(
+            self.tracked.reinitialized,
+            Some(Reinitialized::Permutation | Reinitialized::LikelihoodFell)
+        );
+        (found || (1..LONGEST_INSISTENCE).contains(&self.insisting)) && !self.agrees(prior)
+    }
+
+    fn agrees(&self, prior: &Prior) -> bool {
+        let alike = std::iter::once(self.tracked.world_from_capsule)
+            .chain(self.tracked.ambiguous.iter().filter(|r| r.log_likelihood_difference == 0.0).map(|r| r.world_from_capsule));
+        let covariance = self.tracked.covariance + prior.covariance;
+        let Some(factor) = covariance.cholesky() else { return true };
+        alike.into_iter().any(|pose| {
+            let error = ominus(&pose, &prior.world_from_capsule);
+            error.dot(&factor.solve(&error)) < SAME_POSE
+        })
+    }
+}
+
+/// The front end of a track.
+///
+/// # Errors
+/// [`ModalityError::Config`] with file, line and key.
+pub(crate) fn build(
+    installed: &Installed,
+    options: &OptionsTable,
+    setup: &Setup,
+) -> Result<Estimator, ModalityError> {
+    let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
+    let block = BlockNoise::of_scanner(&installed.scanner, &installed.scintillator, installed.table.end_points);
+    let noise = Arc::new(LineNoise::new(&installed.scanner, &block, &SourceNoise::default()));
+    let budget = options.most_lines.map(|n| n as usize);
+    let tracker: Box<dyn Tracker> = match options.front_end {
+        _ => {
+            Box::new(Mixture::new(&markers, (*noise).clone(), MixtureOptions { budget, ..MixtureOptions::default() }))
+        }
+    };
+    let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
+    let activity = markers.total_activity_bq();
+    let shares = markers.markers.iter().map(|m| m.activity_bq / activity).collect();
+    let model = LinesModel {
+        likelihood,
+        noise,
+        window: Arc::default(),
+        weights: Weights { shares, background: EXPECTED_BACKGROUND },
+    };
+    Ok(Estimator::of_front_end(PetFrontEnd::new(setup.sensor.clone(), markers, options.front_end, tracker, model)))
+}
+
+/// Share of the background before any window has told: the middle of than2015, table 4.2 (20 to 50 per cent).
+const EXPECTED_BACKGROUND: f64 = 0.35;
+
+/// A turn that brings the markers onto themselves within this cannot be told from none: a third of a line's noise (2 mm) over the
+/// root of the lines that a marker has in a window (60).
+const SYMMETRIC_WITHIN_M: f64 = 1e-4;
+/// Activities that differ by less than this share do not tell markers apart: √60 lines of 60.
+const ACTIVITIES_ALIKE: f64 = 0.15;
+/// Steps of the expectation-maximisation of the background's share: what is left then is below a line.
+const BACKGROUND_STEPS: u32 = 8;
+/// Fewer lines than this do not say where three markers are, whatever the prediction.
+const FEWEST_EXPLAINED: f64 = 4.0;
+
+/// The filter's prediction as a tracker takes it; what it does not know is as wide as a circle.
+fn prior_of(prior: &PosePrior) -> Prior {
+    let mut covariance: Matrix6<f64> = prior.pose.covariance;
+    let unknown = match prior.pose.kind {
+        FixKind::Position => 3..6,
+        FixKind::Pointing => 3..4,
+        FixKind::Full => 0..0,
+    };
+    for i in unknown {
+        covariance[(i, i)] += UNKNOWN_ANGLE_RAD2;
+    }
+    Prior {
+        world_from_capsule: prior.pose.world_from_capsule,
+        covariance,
+        velocity_world_m_s: prior.velocity_world_m_s.unwrap_or_default(),
+        how: PriorUse::StartOnly,
+    }
+}
+
+fn refused(why: &str) -> Outcome {
+    Outcome::Refused { why: why.into() }
+}
+
+impl FrontEnd for PetFrontEnd {
+    fn process(&mut self, reading: &Reading, prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
+        // What is no line is left out; the trackers count what is left.
+        payload::lines(&reading.payload, &mut self.lines)?;
+        let prior = prior.map(prior_of);
+        let tracked = self.tracker.track_into(&self.lines, prior.as_ref(), &mut self.tracked);
+        Ok(match (self.output, &prior, tracked) {
+            (Output::Lines, Some(prior), tracked) => self.lines_outcome(reading, prior, tracked),
+            (_, _, Ok(())) => self.pose_outcome(reading, prior.as_ref()),
+            (_, _, Err(why)) => refused(&why.to_string()),
+        })
+    }
+
+    fn resolves(&self) -> FixKind {
+        self.kind()
+    }
+
+    fn snapshot(&self) -> Vec<u8> {
+        let kept = Kept { tracker: self.tracker.memory(), insisting: self.insisting };
+        // A memory of numbers always has a text.
+        serde_json::to_vec(&kept).unwrap_or_default()
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), ModalityError> {
+        let kept: Kept = serde_json::from_slice(bytes).map_err(|_| ModalityError::Snapshot)?;
+        self.tracker.recall(kept.tracker);
+        self.insisting = kept.insisting;
+        Ok(())
+    }
+
+    fn scene(&self, out: &mut Vec<Primitive>) {
+        out.push(self.drawn_lines());
+        if !self.tracked.markers_world_m.is_empty() {
+            out.push(self.drawn_markers());
+        }
+    }
+}
+
+/// Colour of a line by what it was taken for, `0xRRGGBBAA`: markers in colours that the colour-blind can tell apart (Okabe and Ito
+/// 2008), what is not theirs in greys.
+pub(crate) fn line_colour(role: Role) -> u32 {
+    const MARKERS: [u32; 6] = [0xe69f_00ff, 0x56b4_e9ff, 0x009e_73ff, 0xf0e4_42ff, 0xd55e_00ff, 0xcc79_a7ff];
+    match role {
+        Role::Marker(i) => MARKERS[usize::from(i) % MARKERS.len()],
+        Role::Background => 0x8080_8050,
+        Role::Dropped => 0xa040_4060,
+        Role::Unused => 0x4040_4040,
+    }
+}
+
+/// Half the length of a line as drawn, m: the markers' neighbourhood, not the whole scanner.
+const DRAWN_HALF_LENGTH_M: f64 = 0.06;
+/// At most so many lines are drawn: a picture of more is a ball of wool, and a recording has a size to keep.
+const MOST_DRAWN: usize = 120;
+
+impl PetFrontEnd {
+    /// The window's lines, coloured by what the tracker took them for.
+    fn drawn_lines(&self) -> Primitive {
+        let centre: Vector3<f64> = if self.tracked.markers_world_m.is_empty() {
+            self.tracked.world_from_capsule.translation.vector
+        } else {
+            self.tracked.markers_world_m.iter().sum::<Vector3<f64>>() / self.tracked.markers_world_m.len() as f64
+        };
+        let every = self.lines.len().div_ceil(MOST_DRAWN).max(1);
+        let (mut strips, mut rgba) = (Vec::new(), Vec::new());
+        for (i, line) in self.lines.iter().enumerate().step_by(every) {
+            let Some(along) = line.direction() else { continue };
+            let nearest = line.ends_world_m[0] + along.into_inner() * along.dot(&(centre - line.ends_world_m[0]));
+            let end = |sign: f64| (nearest + along.into_inner() * (sign * DRAWN_HALF_LENGTH_M)).map(|v| v as f32).into();
+            strips.push(vec![end(-1.0), end(1.0)]);
+            rgba.push(line_colour(self.tracked.roles.get(i).copied().unwrap_or(Role::Unused)));
+        }
+        Primitive::Lines { path: "lines".to_owned(), strips_world_m: strips, rgba }
+    }
+
+    fn drawn_markers(&self) -> Primitive {
+        let places = &self.tracked.markers_world_m;
+        Primitive::Points {
+            path: "markers".to_owned(),
+            positions_world_m: places.iter().map(|m| m.map(|v| v as f32).into()).collect(),
+            rgba: (0..places.len()).map(|i| line_colour(Role::Marker(i as u8))).collect(),
+            radius_m: 1.2e-3,
+        }
+    }
+}

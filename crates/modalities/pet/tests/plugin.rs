@@ -1,0 +1,217 @@
+//! The plugin as the framework sees it: built from tables, asked by truth, answered by front ends.
+
+#![expect(clippy::disallowed_types, reason = "world side: these tests drive the sensor with a truth")]
+
+use lumenav_core::config::quantity::{Fraction, NonNegative, Positive};
+use lumenav_core::laws::{check_front_end_is_deterministic, check_sensor_is_deterministic, check_units};
+use lumenav_core::pose::{exp_so3, ominus};
+use lumenav_core::{
+    CapsuleBody, CapsuleTruth, FixKind, FrontEnd, Modality as _, ModelFolder, Name, Node, Outcome, PoseEstimate, PosePrior,
+    PriorUse, RandomStreams, Reading, Schedule, Sensor, Setup, SimTime, TruthView,
+};
+use lumenav_pet::{Pet, payload};
+use nalgebra::{Isometry3, Matrix6, Translation3, Vector3};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+fn models() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models")
+}
+
+fn node(text: &str) -> Node {
+    Node::parse_text(text, "test.toml", Path::new(""), &[]).unwrap()
+}
+
+fn setup(capsule: &str) -> Setup {
+    Setup {
+        sensor: Name::from("scanner"),
+        schedule: Some(Schedule {
+            rate_hz: Positive(20.0),
+            start_s: NonNegative(0.0),
+            latency_ms: NonNegative(0.0),
+            loss: Fraction(0.0),
+        }),
+        capsule: CapsuleBody { radius_m: 6e-3, length_m: 26e-3, mass_kg: 3.3e-3 },
+        capsule_model: Node::open(&models().join("capsules").join(format!("{capsule}.toml"))).unwrap(),
+        models: ModelFolder::new(models()),
+        map: None,
+    }
+}
+
+const INSTALLED: &str = "scanner = \"reduced\"\nphantom = \"water-20\"\n";
+
+fn sensor(capsule: &str, reality: &str) -> Box<dyn Sensor> {
+    Pet.sensor(&node(INSTALLED), &node(reality), &setup(capsule)).unwrap()
+}
+
+fn front_end(capsule: &str, options: &str) -> Box<dyn FrontEnd> {
+    Pet.estimator(&node(INSTALLED), &node(options), &setup(capsule)).unwrap().front_end.unwrap()
+}
+
+/// A capsule that moves at 10 mm/s along z and turns slowly.
+struct Moving;
+
+fn pose_at(at: SimTime) -> Isometry3<f64> {
+    let t = at.seconds();
+    let turn = exp_so3(&Vector3::new(0.3, -0.2, 0.9 + 0.1 * t));
+    Isometry3::from_parts(Translation3::new(0.02, -0.01, -0.02 + 0.01 * t), turn)
+}
+
+impl TruthView for Moving {
+    fn interval(&self) -> Range<SimTime> {
+        SimTime::ZERO..SimTime(i64::MAX)
+    }
+
+    fn capsule(&self, at: SimTime) -> CapsuleTruth {
+        CapsuleTruth {
+            at,
+            world_from_capsule: pose_at(at),
+            velocity_world_m_s: Vector3::z() * 0.01,
+            angular_rate_capsule_rad_s: Vector3::zeros(),
+            specific_force_capsule_m_s2: Vector3::y() * 9.81,
+            arc_length_m: None,
+            segment: None,
+            wall_force_n: 0.0,
+        }
+    }
+
+    fn frame(&self, _name: &str, _at: SimTime) -> Option<Isometry3<f64>> {
+        None
+    }
+}
+
+fn readings(capsule: &str, reality: &str, count: usize) -> Vec<Reading> {
+    let mut sensor = sensor(capsule, reality);
+    let streams = RandomStreams::new(7, 0, "scanner");
+    (0..count)
+        .map(|_| {
+            let at = sensor.next_due();
+            sensor.observe(&Moving, at, &streams).unwrap().unwrap().reading
+        })
+        .collect()
+}
+
+#[test]
+fn law_the_sensor_is_deterministic_in_every_mode() {
+    for mode in ["forced", "tabulated"] {
+        let build = || sensor("pet-scalene", &format!("mode = \"{mode}\""));
+        check_sensor_is_deterministic(&build, &Moving, "scanner", 3).unwrap();
+    }
+    check_units(&payload::schema()).unwrap();
+}
+
+/// The capsule is seen where it is in the middle of the window, by poses of its own and with no prior.
+#[test]
+fn law_each_front_end_finds_the_capsule() {
+    for (options, within_mm) in [
+        ("front_end = \"mixture\"", 2.5),
+        ("front_end = \"rigid\"", 3.5),
+        ("front_end = \"fcm\"", 3.5),
+        ("front_end = \"lines\"", 2.5),
+    ] {
+        let mut front_end = front_end("pet-scalene", options);
+        assert_eq!(front_end.resolves(), FixKind::Full);
+        let (mut worst_mm, mut refusals): (f64, Vec<String>) = (0.0, Vec::new());
+        for reading in readings("pet-scalene", "", 12) {
+            let measured = match front_end.process(&reading, None).unwrap() {
+                Outcome::Measured(measured) => measured,
+                other => {
+                    refusals.push(format!("{other:?}"));
+                    continue;
+                }
+            };
+            let fix = measured[0].fix.clone().unwrap();
+            let error = ominus(&fix.world_from_capsule, &pose_at(reading.at()));
+            worst_mm = worst_mm.max(1e3 * error.fixed_rows::<3>(0).norm());
+        }
+        assert!(worst_mm < within_mm, "{options}: {worst_mm} mm");
+        // A first window may leave two poses open; the windows after it do not.
+        assert!(refusals.len() <= 4, "{options}: {refusals:?}");
+    }
+}
+
+/// Roll of an isosceles triangle is not claimed.
+#[test]
+fn law_an_ambiguous_triangle_claims_no_roll() {
+    let mut front_end = front_end("pet-triangle", "front_end = \"mixture\"");
+    assert_eq!(front_end.resolves(), FixKind::Pointing);
+    let reading = readings("pet-triangle", "", 1).remove(0);
+    let Outcome::Measured(measured) = front_end.process(&reading, None).unwrap() else { panic!("refused") };
+    assert_eq!(measured[0].fix.as_ref().unwrap().kind, FixKind::Pointing);
+}
+
+fn prior(pose: Isometry3<f64>, at: SimTime) -> PosePrior {
+    PosePrior {
+        at,
+        pose: PoseEstimate { world_from_capsule: pose, covariance: Matrix6::identity() * 1e-6, kind: FixKind::Full },
+        velocity_world_m_s: Some(Vector3::z() * 0.01),
+    }
+}
+
+/// A filter that holds the pose of another order of the markers is contradicted: the front end hands over its own pose.
+#[test]
+fn law_the_front_end_insists_where_the_filter_has_two_markers_exchanged() {
+    let mut front_end = front_end("pet-scalene", "front_end = \"lines\"");
+    let mut insisted = 0;
+    for reading in readings("pet-scalene", "", 40) {
+        // Base and apex exchanged, as far as the triangle allows.
+        let wrong = pose_at(reading.at())
+            * Isometry3::from_parts(Translation3::new(-9.0e-3, 0.0, 0.0), exp_so3(&Vector3::new(0.0, 0.0, 3.1)));
+        let outcome = front_end.process(&reading, Some(&prior(wrong, reading.at()))).unwrap();
+        if let Outcome::Measured(measured) = outcome {
+            insisted += usize::from(measured[0].fix.is_some());
+        }
+    }
+    assert!(insisted > 0);
+}
+
+/// With a sound prediction the filter is given lines and no pose.
+#[test]
+fn law_with_a_prediction_the_lines_are_the_measurement() {
+    let mut front_end = front_end("pet-scalene", "front_end = \"lines\"");
+    for reading in readings("pet-scalene", "", 25) {
+        let here = pose_at(reading.at());
+        let Outcome::Measured(measured) = front_end.process(&reading, Some(&prior(here, reading.at()))).unwrap() else {
+            panic!("window {} is refused", reading.sequence)
+        };
+        assert!(measured[0].fix.is_none(), "window {}", reading.sequence);
+        assert_eq!(measured[0].prior_use, PriorUse::StartOnly);
+        assert_eq!(measured[0].value.rows(), reading.payload.rows());
+    }
+}
+
+#[test]
+fn law_front_ends_are_deterministic_and_go_on_from_a_snapshot() {
+    let readings = readings("pet-scalene", "mode = \"tabulated\"", 24);
+    for options in ["mixture", "rigid", "fcm", "lines"] {
+        let build = || front_end("pet-scalene", &format!("front_end = \"{options}\""));
+        let start = prior(pose_at(SimTime::ZERO), SimTime::ZERO);
+        for prior in [None, Some(&start)] {
+            check_front_end_is_deterministic(&build, &readings, prior).unwrap();
+        }
+    }
+}
+
+fn refused(capsule: &str, installed: &str, options: &str) -> String {
+    match Pet.estimator(&node(installed), &node(options), &setup(capsule)) {
+        Ok(_) => panic!("{installed} {options} is accepted"),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[test]
+fn law_bad_tables_are_refused_by_key() {
+    for (capsule, installed, options, wanted) in [
+        ("pillcam-magnet", INSTALLED, "", "[[marker]]"),
+        ("pet-scalene", "scanner = \"no\"", "", "allegro"),
+        ("pet-scalene", "scanner = \"reduced\"\nphantom = \"no\"", "", "water-20"),
+        ("pet-scalene", "scanner = \"reduced\"\nwindow_ms = 60.0", "", "window_ms"),
+        ("pet-scalene", "scanner = \"reduced\"\ncolour = 1", "", "colour"),
+        ("pet-scalene", INSTALLED, "front_end = \"magic\"", "magic"),
+        ("pet-scalene", INSTALLED, "front_end = \"points\"\npoints = 3", "points"),
+        ("pet-scalene", INSTALLED, "front_end = \"points\"\npoint = 2", "point"),
+    ] {
+        let message = refused(capsule, installed, options);
+        assert!(message.contains(wanted), "{message}");
+    }
+}
