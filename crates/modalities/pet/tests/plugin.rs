@@ -135,9 +135,15 @@ fn law_each_front_end_finds_the_capsule() {
 fn law_an_ambiguous_triangle_claims_no_roll() {
     let mut front_end = front_end("pet-triangle", "front_end = \"mixture\"");
     assert_eq!(front_end.resolves(), FixKind::Pointing);
-    let reading = readings("pet-triangle", "", 1).remove(0);
-    let Outcome::Measured(measured) = front_end.process(&reading, None).unwrap() else { panic!("refused") };
-    assert_eq!(measured[0].fix.as_ref().unwrap().kind, FixKind::Pointing);
+    let mut found = 0;
+    for reading in readings("pet-triangle", "", 8) {
+        if let Outcome::Measured(measured) = front_end.process(&reading, None).unwrap() {
+            assert_eq!(measured[0].fix.as_ref().unwrap().kind, FixKind::Pointing);
+            found += 1;
+        }
+    }
+    // The first windows may leave apex and base open.
+    assert!(found >= 4, "{found} of 8 windows have a pose");
 }
 
 fn prior(pose: Isometry3<f64>, at: SimTime) -> PosePrior {
