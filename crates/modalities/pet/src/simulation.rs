@@ -21,8 +21,10 @@ pub mod detectors;
 mod forced;
 pub mod isotope;
 pub mod photon;
+mod response;
 pub mod scintillator;
 pub mod source;
+mod tabulated;
 
 pub use block::{BlockPhysics, Deposit};
 pub use coincidence::{Label, LabelledLine, Origin};
@@ -41,6 +43,7 @@ use nalgebra::Isometry3;
 use rand::RngExt as _;
 use rand_distr::Poisson;
 use source::MarkerPaths;
+use tabulated::Tabulated;
 
 /// How lines are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -102,6 +105,7 @@ pub struct Simulator {
     singles: Vec<Single>,
     free_at_s: Vec<f64>,
     forced: Forced,
+    tabulated: Option<Tabulated>,
 }
 
 impl Simulator {
@@ -120,6 +124,7 @@ impl Simulator {
         let acollinearity_sigma_rad = settings.acollinearity_fwhm_deg.to_radians() / block::FWHM_PER_SIGMA;
         let physics =
             Physics { detectors, body, markers, positrons_per_decay, acollinearity_sigma_rad, decay_scale };
+        let tabulated = (settings.mode == Mode::Tabulated).then(|| Tabulated::new(&physics));
         Self {
             physics,
             mode: settings.mode,
@@ -128,6 +133,7 @@ impl Simulator {
             singles: Vec::new(),
             free_at_s: Vec::new(),
             forced: Forced::default(),
+            tabulated,
         }
     }
 
@@ -147,9 +153,13 @@ impl Simulator {
         self.paths.follow(&self.physics.markers, motion, start_s, duration_s);
         let mut random = random.stream("decays", sequence);
         let window = Window { start_s, duration_s };
-        let forced = self.mode != Mode::Analog
-            && self.forced.window(&self.physics, &self.paths, window, &mut random, out);
-        if forced {
+        let (physics, paths) = (&self.physics, &self.paths);
+        let made = match &mut self.tabulated {
+            Some(tables) => tables.window(physics, paths, window, &mut random, out),
+            None if self.mode == Mode::Analog => false,
+            None => self.forced.window(physics, paths, window, &mut random, out),
+        };
+        if made {
             out.sort_unstable_by(|a, b| {
                 a.line.t_s.total_cmp(&b.line.t_s).then(a.crystals.cmp(&b.crystals))
             });
