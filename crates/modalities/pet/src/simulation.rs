@@ -21,8 +21,10 @@ pub mod detectors;
 mod forced;
 pub mod isotope;
 pub mod photon;
+mod response;
 pub mod scintillator;
 pub mod source;
+mod tabulated;
 
 pub use block::{BlockPhysics, Deposit};
 pub use coincidence::{Label, LabelledLine, Origin};
@@ -42,6 +44,7 @@ use rand::RngExt as _;
 use rand_distr::Poisson;
 use serde::{Deserialize, Serialize};
 use source::MarkerPaths;
+use tabulated::Tabulated;
 
 /// How lines are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -104,6 +107,7 @@ pub struct Simulator {
     singles: Vec<Single>,
     free_at_s: Vec<f64>,
     forced: Forced,
+    tabulated: Option<Tabulated>,
 }
 
 impl Simulator {
@@ -122,6 +126,7 @@ impl Simulator {
         let acollinearity_sigma_rad = settings.acollinearity_fwhm_deg.to_radians() / block::FWHM_PER_SIGMA;
         let physics =
             Physics { detectors, body, markers, positrons_per_decay, acollinearity_sigma_rad, decay_scale };
+        let tabulated = (settings.mode == Mode::Tabulated).then(|| Tabulated::new(&physics));
         Self {
             physics,
             mode: settings.mode,
@@ -130,6 +135,7 @@ impl Simulator {
             singles: Vec::new(),
             free_at_s: Vec::new(),
             forced: Forced::default(),
+            tabulated,
         }
     }
 
@@ -149,9 +155,13 @@ impl Simulator {
         self.paths.follow(&self.physics.markers, motion, start_s, duration_s);
         let mut random = random.stream("decays", sequence);
         let window = Window { start_s, duration_s };
-        let forced = self.mode != Mode::Analog
-            && self.forced.window(&self.physics, &self.paths, window, &mut random, out);
-        if forced {
+        let (physics, paths) = (&self.physics, &self.paths);
+        let made = match &mut self.tabulated {
+            Some(tables) => tables.window(physics, paths, window, &mut random, out),
+            None if self.mode == Mode::Analog => false,
+            None => self.forced.window(physics, paths, window, &mut random, out),
+        };
+        if made {
             out.sort_unstable_by(|a, b| {
                 a.line.t_s.total_cmp(&b.line.t_s).then(a.crystals.cmp(&b.crystals))
             });

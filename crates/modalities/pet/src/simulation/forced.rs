@@ -8,7 +8,7 @@
 //! - **indirect**: no annihilation photon is direct, but one is read out after scattering. Directions are isotropic. To spare time only
 //!   one photon in `K` is followed, and each that is read out is joined by `K` independent sets of other photon and gammas:
 //!   unbiased; that two of the `K` make lines is rare.
-//! - **random**: singles of a few thousand whole decays stand for the window's. The number of random lines is Poisson with the mean that
+//! - **random**: singles of some thousand whole decays stand for the window's. The number of random lines is Poisson with the mean that
 //!   the allowed pairs among them tell (a U-statistic, so unbiased).
 //!
 //! Lines are lost to a third single in the window with probability `1 - exp(-2 S τ)`, and to dead time with the blocks' rates.
@@ -28,9 +28,9 @@ use nalgebra::Vector3;
 use rand::RngExt as _;
 
 /// Whole decays that stand for a window's singles.
-const SAMPLED_DECAYS: usize = 3000;
+const SAMPLED_DECAYS: usize = 1500;
 /// At most so many sets for one indirect photon.
-const MOST_SETS: f64 = 16.0;
+const MOST_SETS: f64 = 32.0;
 
 /// Singles of a sample of whole decays.
 #[derive(Clone, Debug, Default)]
@@ -43,6 +43,8 @@ pub(super) struct Sample {
     pub lone: Vec<Single>,
     /// Pairs of [`Self::lone`] that can fire together.
     allowed: u64,
+    /// Of them, prompt gammas.
+    pub prompts_per_decay: f64,
     /// Share of singles in each block.
     by_block: Vec<f64>,
 }
@@ -111,6 +113,11 @@ impl Forced {
         true
     }
 
+    /// Aims at the blocks for a marker's way; `false` where it is too near to one.
+    pub fn set_aim(&mut self, physics: &Physics, paths: &MarkerPaths, marker: usize) -> bool {
+        self.aim.set(physics, paths, marker)
+    }
+
     /// Follows whole decays, a share of each marker as its activity.
     pub fn sample(
         &mut self,
@@ -127,7 +134,7 @@ impl Forced {
         sample.by_block.clear();
         sample.by_block.resize(scanner.blocks.len(), 0.0);
         sample.decays = decays;
-        let mut singles = 0;
+        let (mut singles, mut prompts) = (0, 0);
         for number in 0..decays {
             let mut level = random.random::<f64>() * total_hz;
             let mut marker = 0;
@@ -146,11 +153,13 @@ impl Forced {
             singles += self.other_singles.len();
             for single in &self.other_singles {
                 sample.by_block[usize::from(single.block)] += 1.0;
+                prompts += usize::from(single.kind == Kind::Prompt);
             }
             if let [lone] = self.other_singles[..] {
                 sample.lone.push(lone);
             }
         }
+        sample.prompts_per_decay = prompts as f64 / decays as f64;
         sample.singles_per_decay = singles as f64 / decays as f64;
         for block in &mut sample.by_block {
             *block /= decays as f64;
@@ -193,7 +202,7 @@ impl Forced {
                 continue;
             }
             self.first.clear();
-            physics.detectors.detect(photon, Kind::Annihilation, 0, random, &mut self.first);
+            physics.detectors.detect_from(aimed.block, photon, Kind::Annihilation, 0, random, &mut self.first);
             self.number = self.number.wrapping_add(1);
             let name = (after_s, self.number, marker);
             self.first_singles.clear();
@@ -219,7 +228,7 @@ impl Forced {
         random: &mut RandomStream,
         out: &mut Vec<LabelledLine>,
     ) {
-        let sets = (1.0 / self.aim.draws_per_photon().max(1e-9)).floor().clamp(1.0, MOST_SETS);
+        let sets = (2.0 / self.aim.draws_per_photon().max(1e-9)).floor().clamp(1.0, MOST_SETS);
         let draws = super::poisson(photons / sets, random);
         for _ in 0..draws {
             let after_s = window.duration_s * random.random::<f64>();
@@ -348,6 +357,12 @@ pub(super) fn random_line(
 }
 
 impl Sample {
+    /// Share of pairs of lone singles that can fire together.
+    pub fn allowed_share(&self) -> f64 {
+        let n = self.lone.len() as f64;
+        if n < 2.0 { 0.0 } else { self.allowed as f64 / (0.5 * n * (n - 1.0)) }
+    }
+
     /// Expected random lines of a window with so many decays: two decays lie within `τ` of each other with probability `2 τ / T`.
     pub fn random_lines(&self, physics: &Physics, decays: f64, duration_s: f64) -> f64 {
         let window_s = physics.detectors.scanner().detection.coincidence_window_s;

@@ -8,6 +8,7 @@ use super::compton::{ELECTRON_REST_ENERGY_EV, deflected, klein_nishina_m2, scatt
 use lumenav_anatomy::phantom::Phantom;
 use nalgebra::Vector3;
 use rand::{Rng, RngExt as _};
+use rand_distr::Exp1;
 
 /// A photon on its way. Frame: world, or a block's, as whoever holds it says.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +47,7 @@ impl Photon {
 
 /// An exponential draw of mean 1.
 pub fn free_path<R: Rng + ?Sized>(random: &mut R) -> f64 {
-    -(1.0 - random.random::<f64>()).ln()
+    random.sample(Exp1)
 }
 
 /// Step of the table of cross sections, eV: straight lines in it are within 1e-4 above 100 keV.
