@@ -17,7 +17,7 @@ use super::failure::Failure;
 use super::initialize::Search;
 use super::likelihood::MAX_MARKERS;
 use super::membership::{REACH_M, Share, pass};
-use super::window::{Preparation, Rays, Window};
+use super::window::{Preparation, Window};
 use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked};
 use crate::line::Line;
 use crate::markers::MarkerSet;
@@ -98,11 +98,6 @@ impl Classic {
             search: Search::default(),
             starts: Vec::new(),
         }
-    }
-
-    /// Lines that belong, from the window's origin.
-    pub(crate) fn rays(&self) -> &[Rays] {
-        self.centroid.kept_rays()
     }
 
     /// Budget, centroid, outliers, start: afterwards `places_m` and `shares` are where the iteration begins. Poses are told from the

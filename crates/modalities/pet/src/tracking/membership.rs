@@ -38,8 +38,6 @@ pub(crate) struct Share {
 /// Sums over all markers.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Total {
-    /// Σ u^q d², m².
-    pub(crate) cost_m2: f64,
     /// Σ g gᵀ, g = Σ_k u^q [d; a x d] (world axes, about the capsule's origin); zero where not asked for.
     pub(crate) outer: Matrix6<f64>,
 }
@@ -76,14 +74,12 @@ pub(crate) fn pass(
             std::array::from_fn(|k| Four::splat(shares.get(k).map_or(-600.0, |f| f.max(1e-9).ln())));
         let mut sums = [Sums::default(); J];
         let mut outer = [Four::ZERO; 21];
-        let cost = Arch::new().dispatch(
+        Arch::new().dispatch(
             #[inline(always)]
             || {
-                let mut cost = Four::ZERO;
                 for r in rays {
-                    cost += one_pack::<J, OUTER>(r, &at, &arms, &log_share, &mut sums, &mut outer);
+                    one_pack::<J, OUTER>(r, &at, &arms, &log_share, &mut sums, &mut outer);
                 }
-                cost.sum()
             },
         );
         for (share, s) in out.iter_mut().zip(&sums[..used]) {
@@ -94,7 +90,7 @@ pub(crate) fn pass(
                 matrix: Matrix3::identity() * s.weight.sum() - super::likelihood::symmetric(&s.matrix),
             };
         }
-        let mut total = Total { cost_m2: cost, outer: Matrix6::zeros() };
+        let mut total = Total::default();
         let mut n = 0;
         for i in 0..6 {
             for l in i..6 {
@@ -122,7 +118,7 @@ fn one_pack<const J: usize, const OUTER: bool>(
     log_share: &[Four; J],
     sums: &mut [Sums; J],
     outer: &mut [Four; 21],
-) -> Four {
+) {
     let power = Four::splat(-1.0 / (FUZZINESS - 1.0));
     let mut squared = [Four::ZERO; J];
     let mut logs = [Four::ZERO; J];
@@ -144,7 +140,7 @@ fn one_pack<const J: usize, const OUTER: bool>(
     }
     let log_total = total.ln();
     let reach = Four::splat(REACH_M * REACH_M);
-    let (mut cost, mut score) = (Four::ZERO, [Four::ZERO; 6]);
+    let mut score = [Four::ZERO; 6];
     for k in 0..J {
         let log = logs[k] - log_total;
         let inside = squared[k].less_select(reach, r.filled, Four::ZERO);
@@ -153,7 +149,6 @@ fn one_pack<const J: usize, const OUTER: bool>(
         let s = &mut sums[k];
         s.members += u;
         s.weight += w;
-        cost += w * squared[k];
         let n = &r.direction;
         let wn: Three = std::array::from_fn(|i| w * n[i]);
         for i in 0..3 {
@@ -181,5 +176,4 @@ fn one_pack<const J: usize, const OUTER: bool>(
             }
         }
     }
-    cost
 }

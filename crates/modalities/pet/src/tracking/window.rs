@@ -226,13 +226,6 @@ impl Window {
             shape.at = [dot(&shape.e1, &rays.foot_m), dot(&shape.e2, &rays.foot_m)];
         }
     }
-
-    /// Direction and foot point (from the origin, m) of a line that is in.
-    pub(crate) fn ray(&self, k: usize) -> (Vector3<f64>, Vector3<f64>) {
-        let (rays, lane) = (&self.rays[k / LANES], k % LANES);
-        let at = |v: &Three| Vector3::new(v[0].0[lane], v[1].0[lane], v[2].0[lane]);
-        (at(&rays.direction), at(&rays.foot_m))
-    }
 }
 
 fn is_usable(line: &Line) -> bool {

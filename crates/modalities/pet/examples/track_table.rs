@@ -1,0 +1,92 @@
+//! Marker error of the trackers on the windows of than2015, table 4.2 and 4.3, from a small generator: which tracker, how many
+//! lines, mean and standard deviation of the marker error, failures of 720 windows.
+//!
+//! `cargo run --release -p lumenav-pet --example track_table -- [windows] [seeds] [law|physics]`
+//!
+//! Failure: any marker more than 3 mm off, only the two base markers interchangeable, or no answer. Nothing is left out of the
+//! counts; the mean is over all answered windows.
+
+#![allow(dead_code, reason = "one support file for tests, benches and this table")]
+
+#[path = "../tests/tracking/support.rs"]
+mod support;
+
+use lumenav_pet::tracking::{BlockNoise, ClassicOptions, Fcm, Mixture, MixtureOptions, Rigid, Tracker};
+use support::{Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, noise_of_law, scanner, triangle};
+
+const ROWS: [(f64, f64); 5] = [(284.0, 0.819), (183.0, 0.759), (120.0, 0.702), (80.0, 0.642), (54.0, 0.592)];
+
+fn main() {
+    let mut arguments = std::env::args().skip(1);
+    let windows: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(720);
+    let seeds: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1);
+    let physics = arguments.next().is_none_or(|a| a == "physics");
+    let speed: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1.0);
+    let acceleration: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(0.03);
+    let (set, scanner) = (triangle(), scanner("reduced"));
+    let noise = if physics { noise_of(&scanner) } else { noise_of_law(&scanner, &BlockNoise::reference()) };
+    if physics {
+        let block = BlockNoise::of_block(&scanner, &support::scintillator(&scanner), lumenav_pet::simulation::EndPoints::Crystal);
+        println!("block noise {block:?}");
+    }
+    println!("{windows} windows, ends by {}, speed x{speed}, acceleration {acceleration} m/s2, 1 rad/s2", if physics { "physics" } else { "law" });
+    for (lines, share) in ROWS {
+        for seed in 1..=seeds {
+            let ends = if physics { Ends::physics(&scanner) } else { Ends::Law(BlockNoise::reference()) };
+            let mut generator = Generator::new(scanner.clone(), ends, set.clone(), seed);
+            let motion = |t: f64| helix(t, speed);
+            let all: Vec<Vec<lumenav_pet::Line>> = (0..windows)
+                .map(|w| generator.poisson_window(&motion, w as f64 * WINDOW_S, lines, share))
+                .collect();
+            let kinds: [(&str, Box<dyn Tracker>, bool); 4] = [
+                ("fcm", Box::new(Fcm::new(&set, ClassicOptions::default())), false),
+                ("rigid", Box::new(Rigid::new(&set, ClassicOptions::default())), false),
+                ("mixture", Box::new(Mixture::new(&set, noise.clone(), MixtureOptions::default())), false),
+                ("mixture+motion", Box::new(Mixture::new(&set, noise.clone(), MixtureOptions::default())), true),
+            ];
+            for (name, mut tracker, moving) in kinds {
+                let mut filter = MotionFilter::new(acceleration, 1.0);
+                let (mut errors, mut failures, mut refused, mut nees) = (Vec::new(), 0, 0, 0.0);
+                let (mut searched, mut why) = (0, std::collections::BTreeMap::new());
+                let clock = std::time::Instant::now();
+                for (w, window) in all.iter().enumerate() {
+                    let truth = motion((w as f64 + 0.5) * WINDOW_S);
+                    let answer = if moving { filter.step(tracker.as_mut(), window, WINDOW_S) } else { tracker.track(window, None) };
+                    match answer {
+                        Ok(t) => {
+                            let (mean, worst) = marker_errors(&t.markers_world_m, &truth, &set);
+                            errors.push(mean * 1e3);
+                            failures += usize::from(worst > 3e-3);
+                            searched += usize::from(t.reinitialized.is_some());
+                            let twin = t.ambiguous.first().map_or(t.world_from_capsule, |r| r.world_from_capsule);
+                            let e = |p| lumenav_core::pose::ominus(&p, &truth);
+                            let (a, b) = (e(t.world_from_capsule), e(twin));
+                            let e = if a.fixed_rows::<3>(3).norm() <= b.fixed_rows::<3>(3).norm() { a } else {
+                                // The twin's axes: its covariance is the answer's, turned.
+                                let d = twin.rotation.inverse() * t.world_from_capsule.rotation;
+                                let mut b = b;
+                                let turned = d.inverse() * b.fixed_rows::<3>(3).into_owned();
+                                b.fixed_rows_mut::<3>(3).copy_from(&turned);
+                                b
+                            };
+                            if worst < 3e-3 {
+                                nees += t.covariance.cholesky().map_or(f64::NAN, |c| e.dot(&c.solve(&e)));
+                            }
+                        }
+                        Err(f) => {
+                            refused += 1;
+                            let name = format!("{f:?}");
+                            *why.entry(name.split([' ', '{']).next().unwrap_or("").to_owned()).or_insert(0) += 1;
+                        }
+                    }
+                }
+                let us = clock.elapsed().as_secs_f64() * 1e6 / windows as f64;
+                let n = errors.len().max(1) as f64;
+                let mean = errors.iter().sum::<f64>() / n;
+                let sd = (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / n).sqrt();
+                let nees = nees / (errors.len() - failures).max(1) as f64;
+                println!("{lines:4} lines seed {seed} {name:15} {mean:.3} +- {sd:.3} mm, wrong {failures}, refused {refused} {why:?}, searches {searched}, NEES {nees:.1}, {us:.0} us");
+            }
+        }
+    }
+}
