@@ -70,6 +70,13 @@ pub enum Command {
     #[command(after_help = "Example:
   LUMENAV_DATA=../shared/data lumenav replay scenarios/replay/magnet-patch.toml")]
     Replay(ReplayOptions),
+    /// Run a published table or figure again: published, ours, a verdict per row.
+    #[command(after_help = "Examples:
+  lumenav reproduce --list
+  lumenav reproduce than2015/rates
+  lumenav reproduce than2015/few-lines --seeds 4,5,6 --out out/other-seeds
+  lumenav reproduce than2015/few-lines --quick --json | jq '.rows[].verdict'")]
+    Reproduce(ReproduceOptions),
     /// Say why a track lost the capsule: refusals with reasons, weakest direction, events, counters.
     #[command(after_help = "Example:
   lumenav explain out/colon-magnetic-1 --track magnetic-eskf --at 312s
@@ -194,6 +201,46 @@ pub struct ReplayOptions {
     /// Folder of models; default: `models` beside or above the file.
     #[arg(long)]
     pub models: Option<PathBuf>,
+}
+
+/// Options of `reproduce`.
+#[derive(Clone, Debug, Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
+pub struct ReproduceOptions {
+    /// What to run, as --list names it.
+    #[arg(required_unless_present = "list", value_parser = reproduction_ids())]
+    pub id: Option<String>,
+    /// List what there is.
+    #[arg(long, conflicts_with_all = ["id", "out", "seed", "seeds", "quick", "force", "threads"])]
+    pub list: bool,
+    /// Print the table as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// One seed instead of the usual ones.
+    #[arg(long, conflicts_with = "seeds")]
+    pub seed: Option<u64>,
+    /// Seeds instead of the usual ones, for example 4,5,6.
+    #[arg(long, value_delimiter = ',')]
+    pub seeds: Vec<u64>,
+    /// Folder to write <id>.json and <id>.svg into.
+    #[arg(long, default_value = "out/reproduce")]
+    pub out: PathBuf,
+    /// A fraction of the windows: seconds, to see that it works.
+    #[arg(long)]
+    pub quick: bool,
+    /// Threads; default all. The result is the same for any number.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Replace an earlier table of the same id.
+    #[arg(long)]
+    pub force: bool,
+    /// Folder of models; default: `models` in or above the working folder.
+    #[arg(long)]
+    pub models: Option<PathBuf>,
+}
+
+fn reproduction_ids() -> clap::builder::PossibleValuesParser {
+    clap::builder::PossibleValuesParser::new(lumenav::reproduce::all().into_iter().map(|r| r.id))
 }
 
 /// Options of `explain`.

@@ -5,6 +5,7 @@ pub mod export;
 pub mod models;
 pub mod new;
 pub mod replay;
+pub mod reproduce;
 pub mod run;
 pub mod scenarios;
 pub mod trials;

@@ -1,6 +1,7 @@
 //! How the process ends: the codes that `lumenav --help` promises.
 
 use lumenav::pipeline::RunError;
+use lumenav::reproduce::ReproduceError;
 use lumenav::scenario::ScenarioError;
 use std::fmt;
 use std::process::ExitCode;
@@ -19,7 +20,10 @@ impl std::error::Error for WrongFiles {}
 
 /// Whether a run ended because somebody asked it to.
 pub fn was_stopped(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| matches!(cause.downcast_ref::<RunError>(), Some(RunError::Stopped { .. })))
+    error.chain().any(|cause| {
+        matches!(cause.downcast_ref::<RunError>(), Some(RunError::Stopped { .. }))
+            || matches!(cause.downcast_ref::<ReproduceError>(), Some(ReproduceError::Stopped { .. }))
+    })
 }
 
 /// 3 for something wrong in a user's file, 130 for a run stopped on request, else 1. (2 is clap's, for the command line.)
@@ -30,6 +34,7 @@ pub fn code_of(error: &anyhow::Error) -> ExitCode {
         cause.is::<WrongFiles>()
             || cause.is::<lumenav::core::ConfigError>()
             || cause.downcast_ref::<ScenarioError>().is_some_and(of_scenario)
+            || matches!(cause.downcast_ref::<ReproduceError>(), Some(ReproduceError::Config(_)))
             || match cause.downcast_ref::<RunError>() {
                 Some(RunError::Config(_) | RunError::Modality(_)) => true,
                 // Transparent: the chain goes past the inner error to its source.

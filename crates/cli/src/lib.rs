@@ -48,6 +48,7 @@ fn obey(arguments: &Arguments, registry: &Registry) -> anyhow::Result<()> {
     match &arguments.command {
         Command::Run(options) => commands::run::run(options, registry, verbosity),
         Command::Replay(options) => commands::replay::replay(options, registry, verbosity),
+        Command::Reproduce(options) => commands::reproduce::reproduce(options, verbosity),
         Command::Explain(options) => commands::explain::explain(options),
         Command::Scenarios(what) => commands::scenarios::scenarios(what, registry),
         Command::Models(what) => commands::models::models(what),

@@ -1,8 +1,9 @@
-//! The tables that `run` and `replay` print.
+//! The tables that `run`, `replay` and `reproduce` print.
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
 use lumenav::report::{Metrics, Timing, TrackMetrics, Trials};
+use lumenav::reproduce;
 
 fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
@@ -113,6 +114,32 @@ pub fn of_trials(trials: &Trials) -> String {
     }
     for pair in &trials.comparisons {
         text = format!("{text}\n{}", pair.sentence);
+    }
+    text
+}
+
+/// A reproduction: settings, a row per published number, the reasons, the notes.
+pub fn of_reproduction(reproduced: &reproduce::Table) -> String {
+    let head = reproduced.head();
+    let mut table = new_table(&head.iter().map(String::as_str).collect::<Vec<_>>());
+    for cells in reproduced.cells() {
+        table.add_row(cells);
+    }
+    for left in [1, head.len() - 2, head.len() - 1] {
+        if let Some(column) = table.column_mut(left) {
+            column.set_cell_alignment(CellAlignment::Left);
+        }
+    }
+    let mut text = format!("{} ({})", reproduced.id, reproduced.source);
+    for (name, value) in &reproduced.settings {
+        text = format!("{text}\n  {name}: {value}");
+    }
+    text = format!("{text}\n{table}\n{}", reproduced.tally());
+    for row in reproduced.rows.iter().filter(|row| !row.why.is_empty()) {
+        text = format!("{text}\n{}: {}: {}", row.verdict, row.quantity, row.why);
+    }
+    for note in &reproduced.notes {
+        text = format!("{text}\nnote: {note}");
     }
     text
 }

@@ -16,11 +16,14 @@
 //! ```
 //!
 //! Observers ([`pipeline::RunObserver`]) watch the run: feature `report` writes files, feature `recording` writes `.rrd`.
+//! Feature `reproduce` runs published tables again and draws charts.
 
 pub use lumenav_anatomy as anatomy;
 pub use lumenav_core as core;
 pub use lumenav_evaluation as evaluation;
 pub use lumenav_fields as fields;
+#[cfg(feature = "reproduce")]
+pub use lumenav_figures as figures;
 pub use lumenav_fusion as fusion;
 pub use lumenav_magnetic as magnetic;
 pub use lumenav_pet as pet;
@@ -30,6 +33,8 @@ pub use lumenav_recording as recording;
 pub use lumenav_records as records;
 #[cfg(feature = "report")]
 pub use lumenav_report as report;
+#[cfg(feature = "reproduce")]
+pub use lumenav_reproduce as reproduce;
 pub use lumenav_scenario as scenario;
 
 mod replay;

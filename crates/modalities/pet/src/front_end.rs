@@ -10,19 +10,25 @@
 //! settles on another pose than the filter's, the front end *insists*: it hands over that pose instead of lines until the filter,
 //! which refuses it at first, has given up its belief and started from it.
 
-use crate::config::Output;
+use crate::config::{Installed, OptionsTable, Output};
 use crate::line::Line;
 use crate::markers::MarkerSet;
 use crate::model::{FixOfLines, LinesModel};
 use crate::payload;
-use crate::tracking::likelihood::Weights;
+use crate::tracking::budget::Budget;
+use crate::tracking::ClassicOptions;
+use crate::tracking::fcm::Fcm;
+use crate::tracking::likelihood::{Likelihood, Weights};
+use crate::tracking::mixture::{Mixture, MixtureOptions};
+use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
+use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
 use crate::tracking::{Failure, Memory, Prior, Reinitialized, Role, Tracked, Tracker};
 use lumenav_core::fix::FixModel;
 use lumenav_core::pose::ominus;
 use lumenav_core::{
-    FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior, Primitive,
-    PriorUse, Reading,
+    Estimator, FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior, Primitive,
+    PriorUse, Reading, Setup,
 };
 use nalgebra::{Isometry3, Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
@@ -206,6 +212,59 @@ impl PetFrontEnd {
         })
     }
 }
+
+/// The front end of a track.
+///
+/// # Errors
+/// [`ModalityError::Config`] with file, line and key.
+pub(crate) fn build(
+    installed: &Installed,
+    options: &OptionsTable,
+    setup: &Setup,
+) -> Result<Estimator, ModalityError> {
+    let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
+    let block = BlockNoise::of_scanner(&installed.scanner, &installed.scintillator, installed.table.end_points);
+    let noise = Arc::new(LineNoise::new(&installed.scanner, &block, &SourceNoise::default()));
+    let tracker = tracker(options, &markers, &noise);
+    let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
+    let activity = markers.total_activity_bq();
+    let shares = markers.markers.iter().map(|m| m.activity_bq / activity).collect();
+    let model = LinesModel {
+        likelihood,
+        noise,
+        window: Arc::default(),
+        weights: Weights { shares, background: EXPECTED_BACKGROUND },
+    };
+    Ok(Estimator::of_front_end(PetFrontEnd::new(setup.sensor.clone(), markers, options.front_end, tracker, model)))
+}
+
+fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Box<dyn Tracker> {
+    let most = options.most_lines.map(|n| n as usize);
+    let classic = || {
+        let default = ClassicOptions::default();
+        ClassicOptions {
+            budget: most.map_or(default.budget, Budget::AtMost),
+            predict_failures: options.predict_failures,
+            ..default
+        }
+    };
+    match options.front_end {
+        Output::Fcm => Box::new(Fcm::new(markers, classic())),
+        Output::Rigid => Box::new(Rigid::new(markers, classic())),
+        Output::Mixture | Output::Lines => {
+            let mixture = MixtureOptions {
+                budget: most.map_or(Budget::All, Budget::AtMost),
+                test_permutations: options.predict_failures,
+                estimate_markers: options.estimate_markers,
+                ..MixtureOptions::default()
+            };
+            Box::new(Mixture::new(markers, noise.clone(), mixture))
+        }
+    }
+}
+
+/// Share of the background before any window has told: the middle of than2015, table 4.2 (20 to 50 per cent).
+const EXPECTED_BACKGROUND: f64 = 0.35;
 
 /// A turn that brings the markers onto themselves within this cannot be told from none: a third of a line's noise (2 mm) over the
 /// root of the lines that a marker has in a window (60).

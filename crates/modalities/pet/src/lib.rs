@@ -31,8 +31,7 @@ pub use line::Line;
 pub use markers::{Marker, MarkerSet};
 pub use scanner::{CrystalIndex, Scanner};
 
-use config::{INSTALLED_SOURCES, Installed, OPTIONS_SOURCES, OptionsTable, Output, REALITY_SOURCES, RealityTable};
-use front_end::PetFrontEnd;
+use config::{Installed, OPTIONS_SOURCES, OptionsTable, REALITY_SOURCES, RealityTable};
 use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
 use sensor::PetSensor;
 
@@ -50,7 +49,7 @@ impl Modality for Pet {
     }
 
     fn front_ends(&self) -> &'static [&'static str] {
-        &["mixture", "rigid", "fcm", "lines", "points"]
+        &["mixture", "rigid", "fcm", "lines"]
     }
 
     fn sensor(&self, installed: &Node, reality: &Node, setup: &Setup) -> Result<Box<dyn Sensor>, ModalityError> {
@@ -65,7 +64,7 @@ impl Modality for Pet {
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
         let table: OptionsTable = options.parse_sourced(&OPTIONS_SOURCES)?;
-        front_end::build(&opened, &table, options, setup)
+        front_end::build(&opened, &table, setup)
     }
 
     fn reader(&self, installed: &Node, files: &Node, setup: &Setup) -> Result<ReadingStream, ModalityError> {

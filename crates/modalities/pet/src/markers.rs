@@ -4,6 +4,7 @@
 //! The reference triangle of than2015 has sides of 10, 13 and 13 mm: its mirror image about the apex is itself, so a turn by
 //! 180 degrees about the capsule's axis cannot be told from an exchange of the two base markers ([`MarkerSet::symmetries`]).
 
+use crate::simulation::Shell;
 use lumenav_core::config::quantity::{Finite, Positive};
 use lumenav_core::{ConfigError, Name, Node};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -21,8 +22,20 @@ pub struct MarkerTable {
     pub isotope: String,
     /// Diameter of the active core, mm.
     pub core_diameter_mm: Positive,
+    /// What surrounds the core; absent: nothing that stops a positron.
+    pub shell: Option<ShellTable>,
     /// Where the numbers come from.
     pub source: String,
+}
+
+/// `shell` of a marker: acrylic 1.18, titanium 4.51, gold 19.3, tungsten 19.3 g/cm³.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShellTable {
+    /// Thickness, mm.
+    pub thickness_mm: Positive,
+    /// Density, g/cm³: positrons are stopped by mass.
+    pub density_g_cm3: Positive,
 }
 
 /// One marker as installed.
@@ -36,6 +49,8 @@ pub struct Marker {
     pub isotope: Name,
     /// Diameter of the active core, m.
     pub core_diameter_m: f64,
+    /// What surrounds the core.
+    pub shell: Option<Shell>,
 }
 
 /// Markers nearer to each other than this stand at one place: no scanner separates half a millimetre.
@@ -81,6 +96,11 @@ impl MarkerSet {
                 activity_bq: table.activity_mbq.0 * 1e6,
                 isotope: Name::from(table.isotope.as_str()),
                 core_diameter_m: table.core_diameter_mm.0 * 1e-3,
+                // Relative to water.
+                shell: table.shell.map(|shell| Shell {
+                    thickness_m: shell.thickness_mm.0 * 1e-3,
+                    relative_density: shell.density_g_cm3.0,
+                }),
             });
         }
         let set = Self { markers };
@@ -202,6 +222,7 @@ mod tests {
             activity_bq: 1.85e6,
             isotope: Name::from("na-22"),
             core_diameter_m: 5e-4,
+            shell: None,
         };
         MarkerSet { markers: places_mm.iter().map(marker).collect() }
     }

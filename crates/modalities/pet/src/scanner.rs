@@ -245,7 +245,7 @@ impl Scanner {
     pub fn from_node(file: &Node) -> Result<Self, ConfigError> {
         let whole: ScannerFile = file.parse_quietly()?;
         let table: ScannerTable = file.child_or_empty("scanner").parse_sourced(&SCANNER_SOURCES)?;
-        if whole.ring.is_some() == !whole.block.is_empty() {
+        if whole.ring.is_some() != whole.block.is_empty() {
             return Err(file
                 .error("a scanner has either a [ring] or one [[block]] or more, not both and not neither"));
         }

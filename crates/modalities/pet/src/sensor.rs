@@ -7,20 +7,24 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: a sensor observes the truth")]
 
-use crate::config::{Installed, RealityTable};
+use crate::config::{Installed, RealityTable, isotopes};
 use crate::line::Line;
 use crate::payload;
 use crate::scanner::Scanner;
-use crate::simulation::{LabelledLine, Simulator, SimulatorSettings, TrueMarker};
+use crate::markers::{Marker, MarkerSet};
+use crate::simulation::{Isotope, LabelledLine, Origin, Settings, Simulator, SourceMarker};
+use lumenav_core::frame::ColumnKind;
 use lumenav_core::pose::interpolate;
 use lumenav_core::time::nanoseconds;
 use lumenav_core::{
-    ModalityError, Name, Observation, Primitive, RandomStreams, Reading, Schedule, Sensor, SimTime, TruthView,
+    Column, ColumnSpec, Frame, ModalityError, Name, Node, Observation, Primitive, RandomStreams, Reading, Rows, Schedule,
+    Schema, Sensor, Setup, SimTime, TruthView,
 };
 use nalgebra::{Isometry3, Vector3};
 use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Instants of a window at which the truth is asked: a path that bends within 5 ms is no capsule's.
 const NODES: usize = 11;
@@ -30,7 +34,7 @@ pub struct PetSensor {
     name: Name,
     installed: Installed,
     reality: RealityTable,
-    true_markers: Vec<TrueMarker>,
+    true_markers: Vec<SourceMarker>,
     schedule: Schedule,
     window_ns: i64,
     simulator: Option<Simulator>,
@@ -39,30 +43,50 @@ pub struct PetSensor {
 }
 
 impl PetSensor {
-    /// Builds the sensor; misplacements are drawn at the first window. `true_markers` stand where the model says.
+    /// Builds the sensor; misplacements are drawn at the first window.
+    ///
+    /// # Errors
+    /// [`ModalityError::Config`] for markers without an isotope's file, and misplacements of markers that there are not.
     pub fn new(
-        name: Name,
+        setup: &Setup,
         installed: Installed,
         reality: RealityTable,
-        true_markers: Vec<TrueMarker>,
+        node: &Node,
         schedule: Schedule,
-    ) -> Self {
-        let window_ns = window_ns(&installed, &schedule);
-        Self {
-            name,
+    ) -> Result<Self, ModalityError> {
+        let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 1)?;
+        for (key, given) in [
+            ("marker_misplacement_mm", reality.marker_misplacement_mm.len()),
+            ("marker_activity_factor", reality.marker_activity_factor.len()),
+        ] {
+            if given > markers.len() {
+                let message = format!("{given} entries; the capsule has {} markers", markers.len());
+                return Err(node.error_at(key, &message).into());
+            }
+        }
+        let source = |(marker, isotope): (&Marker, Isotope)| SourceMarker {
+            position_capsule_m: marker.position_capsule_m,
+            activity_bq: marker.activity_bq,
+            isotope,
+            core_diameter_m: marker.core_diameter_m,
+            shell: marker.shell,
+        };
+        let true_markers = markers.markers.iter().zip(isotopes(&markers, setup)?).map(source).collect();
+        Ok(Self {
+            name: setup.sensor.clone(),
+            window_ns: window_ns(&installed, &schedule),
             installed,
             reality,
             true_markers,
             schedule,
-            window_ns,
             simulator: None,
             lines: Vec::new(),
             sequence: 0,
-        }
+        })
     }
 
     /// The markers where and as active as they truly are.
-    fn misplace(&self, random: &RandomStreams) -> Vec<TrueMarker> {
+    fn misplace(&self, random: &RandomStreams) -> Vec<SourceMarker> {
         let mut stream = random.stream("placement", 0);
         let sigma_m = self.reality.marker_placement_sigma_mm.0 * 1e-3;
         let mut markers = self.true_markers.clone();
@@ -77,16 +101,16 @@ impl PetSensor {
 
     fn simulator(&mut self, random: &RandomStreams) -> Result<&mut Simulator, ModalityError> {
         if self.simulator.is_none() {
-            let settings = SimulatorSettings {
+            let settings = Settings {
                 mode: self.reality.mode,
                 end_points: self.installed.table.end_points,
                 acollinearity_fwhm_deg: self.reality.acollinearity_fwhm_deg.0,
             };
             let built = Simulator::new(
-                &self.installed.scanner,
-                &self.installed.scintillator,
-                self.installed.phantom.as_ref(),
-                &self.misplace(random),
+                self.installed.scanner.clone(),
+                self.installed.scintillator.clone(),
+                self.installed.phantom.clone(),
+                self.misplace(random),
                 settings,
             );
             self.simulator = Some(built);
@@ -162,13 +186,44 @@ impl Sensor for PetSensor {
                 known_poses: BTreeMap::new(),
                 payload: payload::frame(&plain)?,
             },
-            labels: Some(labels_frame(&self.lines)),
+            labels: Some(labels(&self.lines)?),
         }))
     }
 
     fn scene(&self, out: &mut Vec<Primitive>) {
         out.push(blocks_mesh(&self.installed.scanner, &self.lines));
     }
+}
+
+/// What only the world knows of the lines: where each comes from (0 true, 1 scattered, 2 prompt, 3 random), how often each photon
+/// scattered, which of them is a prompt gamma, and the markers, from 0.
+fn labels(lines: &[LabelledLine]) -> Result<Frame, ModalityError> {
+    const COLUMNS: [&str; 7] = [
+        "origin_index",
+        "scatterings_1_count",
+        "scatterings_2_count",
+        "prompt_1_count",
+        "prompt_2_count",
+        "marker_1_index",
+        "marker_2_index",
+    ];
+    let columns = COLUMNS.map(|name| ColumnSpec { name: name.to_owned(), kind: ColumnKind::U32 }).to_vec();
+    let schema = Arc::new(Schema { name: "line_labels/1".to_owned(), columns, rows: Rows::Events });
+    let row = |l: &LabelledLine| {
+        let origin = match l.label.origin {
+            Origin::True => 0,
+            Origin::Scattered => 1,
+            Origin::Prompt => 2,
+            Origin::Random => 3,
+        };
+        let [s1, s2] = l.label.scatterings.map(u32::from);
+        let [p1, p2] = l.label.prompt.map(u32::from);
+        let [m1, m2] = l.label.markers.map(u32::from);
+        [origin, s1, s2, p1, p2, m1, m2]
+    };
+    let rows: Vec<[u32; 7]> = lines.iter().map(row).collect();
+    let columns = (0..7).map(|c| Column::U32(rows.iter().map(|r| r[c]).collect())).collect();
+    Ok(Frame::new(schema, columns, vec![true; lines.len()])?)
 }
 
 /// Colours of a block: silent, and the busiest of the window.

@@ -12,11 +12,13 @@
 //! Neglected: attenuation in the capsule itself (2 mm of plastic), coherent scattering, pair production of prompt gammas, pile-up of
 //! different decays in a block, decays just before the window.
 
+mod aim;
 mod analog;
 pub mod block;
 pub mod coincidence;
 pub mod compton;
 pub mod detectors;
+mod forced;
 pub mod isotope;
 pub mod photon;
 pub mod scintillator;
@@ -32,15 +34,18 @@ pub use source::{Shell, SourceMarker};
 
 use crate::scanner::Scanner;
 use detectors::{Hits, Single};
+use forced::{Forced, Window};
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::{RandomStream, RandomStreams};
 use nalgebra::Isometry3;
 use rand::RngExt as _;
 use rand_distr::Poisson;
+use serde::{Deserialize, Serialize};
 use source::MarkerPaths;
 
 /// How lines are made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// Every decay is followed.
     Analog,
@@ -98,6 +103,7 @@ pub struct Simulator {
     hits: Hits,
     singles: Vec<Single>,
     free_at_s: Vec<f64>,
+    forced: Forced,
 }
 
 impl Simulator {
@@ -123,6 +129,7 @@ impl Simulator {
             hits: Hits::new(),
             singles: Vec::new(),
             free_at_s: Vec::new(),
+            forced: Forced::default(),
         }
     }
 
@@ -141,7 +148,16 @@ impl Simulator {
         out.clear();
         self.paths.follow(&self.physics.markers, motion, start_s, duration_s);
         let mut random = random.stream("decays", sequence);
-        self.analog(start_s, duration_s, &mut random, out);
+        let window = Window { start_s, duration_s };
+        let forced = self.mode != Mode::Analog
+            && self.forced.window(&self.physics, &self.paths, window, &mut random, out);
+        if forced {
+            out.sort_unstable_by(|a, b| {
+                a.line.t_s.total_cmp(&b.line.t_s).then(a.crystals.cmp(&b.crystals))
+            });
+        } else {
+            self.analog(start_s, duration_s, &mut random, out);
+        }
     }
 
     fn analog(

@@ -2,9 +2,9 @@
 //!
 //! | tracker | what it is | source |
 //! |---|---|---|
-//! | `fcm` | free markers by fuzzy C-means over lines, pose by fitting the set to them | than2015, chapter 3 |
-//! | `rigid` | the same memberships, the pose itself by least squares | than2015, chapter 6 |
-//! | `mixture` | likelihood of the pose: a component per marker, an explicit background, noise per line from the scanner | this project |
+//! | [`fcm`] | free markers by fuzzy C-means over lines, pose by fitting the set to them | than2015, chapter 3 |
+//! | [`rigid`] | the same memberships, the pose itself by least squares | than2015, chapter 6 |
+//! | [`mixture`] | likelihood of the pose: a component per marker, an explicit background, noise per line from the scanner | this project |
 //!
 //! Below them: [`window`] (lines made ready for the loops), [`noise`] (covariance of a line's offset from its marker), [`centroid`],
 //! [`initialize`], [`likelihood`] (value, gradient and observed information of a pose: what a tight filter update reads) and
@@ -14,25 +14,34 @@
 //! tracker ever answers with a pose that the window does not support: it returns a [`Failure`] that says why.
 
 mod body;
+pub mod budget;
 pub mod centroid;
+mod classic;
 mod climb;
 pub mod estimate_markers;
 mod expected;
 pub mod failure;
+pub mod fcm;
 pub mod initialize;
 mod lanes;
 pub mod likelihood;
 mod membership;
 pub mod mixture;
+pub mod block_noise;
 pub mod noise;
+pub mod rigid;
 pub mod thompson;
 pub mod window;
 
+pub use budget::Budget;
+pub use classic::ClassicOptions;
 pub use climb::Limits;
 pub use failure::Failure;
+pub use fcm::Fcm;
 pub use likelihood::{Evaluation, Likelihood, Weights};
 pub use mixture::{Mixture, MixtureOptions};
 pub use noise::{BlockNoise, LineNoise, SourceNoise};
+pub use rigid::Rigid;
 pub use window::{Preparation, Window};
 
 use crate::line::Line;
@@ -145,7 +154,8 @@ pub trait Tracker: Send {
     ///
     /// # Errors
     /// [`Failure`]: the window does not support a pose.
-    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure>;
+    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked)
+    -> Result<(), Failure>;
 
     /// The pose of one window.
     ///
@@ -185,4 +195,3 @@ pub struct Memory {
     /// The last windows: their lines and the pose given for each.
     pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
 }
-

@@ -4,6 +4,7 @@
 //! millimetres between them). Photons of one decay that leave energy in the same block make one single there. A single is kept where
 //! its crystal is read out (`efficiency`) and its measured energy lies in the window; its time is smeared.
 
+use serde::{Deserialize, Serialize};
 use super::block::{BlockPhysics, Deposit, FWHM_PER_SIGMA, passes_window};
 use super::photon::Photon;
 use super::scintillator::Scintillator;
@@ -100,7 +101,8 @@ pub struct Single {
 }
 
 /// What the scanner reports as the place of a photon.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum EndPoints {
     /// The centre of the crystal.
     #[default]

@@ -12,6 +12,7 @@
 //! marker set cannot tell apart are listed, and of them the nearest to the prior (or to the last pose) is the answer.
 
 use super::body::Body;
+use super::budget::Budget;
 use super::centroid::{Centroid, Weight};
 use super::climb::{Climber, Limits, NormalPrior, SharePrior, Top, covariance};
 use super::estimate_markers::MarkerEstimate;
@@ -55,8 +56,8 @@ const FULL_STEPS: u32 = 30;
 /// Settings of the tracker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MixtureOptions {
-    /// Take at most so many lines of a window; `None`: all.
-    pub budget: Option<usize>,
+    /// Lines looked at.
+    pub budget: Budget,
     /// Test the markers' order over several windows.
     pub test_permutations: bool,
     /// Estimate where the markers are in the capsule.
@@ -67,7 +68,7 @@ pub struct MixtureOptions {
 
 impl Default for MixtureOptions {
     fn default() -> Self {
-        Self { budget: None, test_permutations: true, estimate_markers: false, limits: Limits::default() }
+        Self { budget: Budget::All, test_permutations: true, estimate_markers: false, limits: Limits::default() }
     }
 }
 
@@ -127,6 +128,10 @@ impl Mixture {
         &self.climber.weights
     }
 
+    fn budget(&self) -> Option<usize> {
+        self.options.budget.lines(self.body.len(), self.memory.background_share)
+    }
+
     fn needed(&self) -> usize {
         6 * LINES_PER_FREEDOM
     }
@@ -134,7 +139,7 @@ impl Mixture {
     /// Climbs from all candidates of a search in `self.window`; the tops are left in `self.tops`, best first.
     fn search(&mut self, lines: &[Line], near: Option<Vector3<f64>>) -> Result<(), Failure> {
         let about = near.or(self.memory.centroid_world_m).unwrap_or_default();
-        let how = Preparation { budget: self.options.budget, ..Preparation::about(about) };
+        let how = Preparation { budget: self.budget(), ..Preparation::about(about) };
         self.window.load(lines, &how, self.needed())?;
         let centre = self.centroid.find(&self.window, Weight::Uniform)?;
         self.window.move_origin(&(about + centre));
@@ -166,7 +171,7 @@ impl Mixture {
             return Ok(best);
         }
         // The stack told the attitude; the pose is this window's.
-        let how = Preparation { budget: self.options.budget, ..Preparation::about(self.place_of(&best.pose)) };
+        let how = Preparation { budget: self.budget(), ..Preparation::about(self.place_of(&best.pose)) };
         self.window.prepare(lines, &self.noise, &how, self.needed())?;
         Ok(self.climber.climb(&self.likelihood, &self.window, &best.pose, &self.shares, None, FULL_STEPS))
     }
@@ -201,7 +206,7 @@ impl Mixture {
             about_world_m: self.place_of(start),
             velocity_world_m_s,
             at_s,
-            budget: self.options.budget,
+            budget: self.budget(),
         };
         self.window.prepare(lines, &self.noise, &how, self.needed())?;
         Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, FULL_STEPS))

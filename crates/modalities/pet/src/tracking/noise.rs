@@ -68,7 +68,8 @@ impl BlockNoise {
             mean.max(SMALLEST_VARIANCE_M2)
         };
         let whole = [moment(0), moment(1), moment(2)];
-        let mut fit = Self { tail_share: 0.25, core_m2: whole.map(|v| 0.3 * v), tail_m2: whole.map(|v| 3.0 * v) };
+        let mut fit =
+            Self { tail_share: 0.25, core_m2: whole.map(|v| 0.3 * v), tail_m2: whole.map(|v| 3.0 * v) };
         for _ in 0..EM_STEPS {
             fit = fit.em_step(errors_block_m);
         }
@@ -220,7 +221,8 @@ fn slots(scanner: &Scanner) -> Vec<u32> {
         };
         let direction = Vector3::new(x, y, 0.0).normalize();
         let facing = |b: usize| scanner.blocks[b].outward.dot(&direction);
-        *block = (0..scanner.blocks.len()).max_by(|a, b| facing(*a).total_cmp(&facing(*b))).unwrap_or(0) as u32;
+        *block =
+            (0..scanner.blocks.len()).max_by(|a, b| facing(*a).total_cmp(&facing(*b))).unwrap_or(0) as u32;
     }
     table
 }

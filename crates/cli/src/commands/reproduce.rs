@@ -1,0 +1,80 @@
+//! `lumenav reproduce`: published tables and figures, re-run.
+
+use super::run::stop_on_ctrl_c;
+use crate::args::{ReproduceOptions, Verbosity};
+use crate::table;
+use comfy_table::{Table, presets};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use lumenav::reproduce::{Context, Executor, Progress, Size, all, check_free, find};
+use rayon::prelude::*;
+use std::io::IsTerminal as _;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+/// Jobs on rayon's threads.
+struct Threads(rayon::ThreadPool);
+
+impl Executor for Threads {
+    fn for_each(&self, count: usize, job: &(dyn Fn(usize) + Sync)) {
+        self.0.install(|| (0..count).into_par_iter().with_max_len(1).for_each(job));
+    }
+}
+
+/// Lists reproductions, or runs one.
+pub fn reproduce(options: &ReproduceOptions, verbosity: Verbosity) -> anyhow::Result<()> {
+    let Some(id) = &options.id else { return list(options.json) };
+    let reproduction = find(id).ok_or_else(|| anyhow::anyhow!("no reproduction `{id}`; see --list"))?;
+    let (out, size) = (&options.out, if options.quick { Size::Quick } else { Size::Full });
+    // Before the work, not after it.
+    check_free(out, reproduction.id, options.force)?;
+    let asked = options.seed.map_or_else(|| options.seeds.clone(), |seed| vec![seed]);
+    let seeds = reproduction.seeds((!asked.is_empty()).then_some(&asked), size);
+    let models = lumenav::models_folder(options.models.as_deref(), Path::new("reproduce"));
+    let threads = Threads(rayon::ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?);
+    let stop = stop_on_ctrl_c();
+    let stopped = || stop.load(Ordering::Relaxed);
+    let bar = bar(verbosity);
+    let show = |progress: Progress<'_>| {
+        bar.set_length(progress.jobs as u64);
+        bar.set_position(progress.done as u64);
+        bar.set_message(progress.stage.to_owned());
+    };
+    let context = Context::new(&models, seeds, size, &threads).watched(&show).stoppable(&stopped);
+    let table = reproduction.run(&context);
+    bar.finish_and_clear();
+    let table = table?;
+    let files = table.write(out, options.force)?;
+    if options.json {
+        return crate::output::print(format_args!("{}", table.to_json()?));
+    }
+    if verbosity == Verbosity::Quiet {
+        return Ok(());
+    }
+    say!("{}", table::of_reproduction(&table))?;
+    let files: Vec<String> = files.iter().map(|path| path.display().to_string()).collect();
+    say!("{}", files.join("  "))
+}
+
+fn bar(verbosity: Verbosity) -> ProgressBar {
+    let bar = ProgressBar::new(0);
+    if verbosity == Verbosity::Quiet || !std::io::stderr().is_terminal() {
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
+    // A constant that parses; should it not, the default style does.
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}, {eta} left");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
+}
+
+fn list(json: bool) -> anyhow::Result<()> {
+    if json {
+        let one = |r: &lumenav::reproduce::Reproduction| serde_json::json!({ "id": r.id, "source": r.source, "about": r.about, "seeds": r.default_seeds });
+        return crate::output::json(&all().iter().map(one).collect::<Vec<_>>());
+    }
+    let mut table = Table::new();
+    table.load_preset(presets::NOTHING).set_header(["id", "source", "what"]);
+    for reproduction in all() {
+        table.add_row([reproduction.id, reproduction.source, reproduction.about]);
+    }
+    say!("{table}")
+}

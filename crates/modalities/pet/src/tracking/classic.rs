@@ -1,0 +1,398 @@
+//! What the two trackers of than2015 share: centroid and outliers, search, failure prediction, health, answer.
+//!
+//! Per window: budget, centroid with Thompson's test ([`super::centroid`]), start (prior, last markers, or the search of
+//! [`super::initialize`]), the tracker's own iteration, health. Failure prediction (section 3.4.4): the search is repeated where two
+//! starting points are nearer than 5 mm, or fewer than half of the kept lines pass within 5 mm of one. Health (section 5.5.1):
+//! no share below 0.01, free markers 7 to 16 mm apart (3 mm beyond the set's own least and largest distance), and, which the
+//! thesis does not ask, no answer where under 30 per cent of the kept lines pass a marker.
+//!
+//! The covariance is the sandwich `H⁻¹ (Σ g gᵀ) H⁻¹` of the weighted least squares at the pose, memberships held: an estimate of its
+//! own scatter; it knows nothing of wrong memberships, so it is somewhat too small where markers' lines overlap.
+
+use super::body::Body;
+use super::budget::{Budget, TRUE_LINES_PER_MARKER};
+use super::centroid::{Centroid, Weight};
+use super::climb::Limits;
+use super::failure::Failure;
+use super::initialize::Search;
+use super::likelihood::MAX_MARKERS;
+use super::membership::{REACH_M, Share, pass};
+use super::window::{Preparation, Rays, Window};
+use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked};
+use crate::line::Line;
+use crate::markers::MarkerSet;
+use lumenav_core::PriorUse;
+use lumenav_core::pose::{oplus, skew};
+use nalgebra::{Cholesky, Const, Isometry3, Matrix3, Matrix6, Vector3, Vector6};
+
+/// Largest move of a marker below which an iteration rests, m (than2015, section 3.4.3).
+pub const REST_M: f64 = 1e-5;
+/// Passes before an iteration ends (spec: 50).
+pub const MAX_PASSES: usize = 50;
+/// Starting points nearer than this are suspicious, m (section 3.4.4).
+const NEAR_M: f64 = 5e-3;
+/// Share of the kept lines that must pass a starting point.
+const PASSING_START: f64 = 0.5;
+/// Share of the kept lines that must pass a marker in the end.
+const PASSING_END: f64 = 0.3;
+/// Least share of a marker (section 5.5.1).
+const LEAST_SHARE: f64 = 0.01;
+/// Passes for each candidate of a search.
+const CANDIDATE_PASSES: usize = 6;
+/// Kept lines per degree of freedom.
+const FEWEST_KEPT: usize = 6;
+
+/// Settings of `fcm` and `rigid`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClassicOptions {
+    /// Weight of lines in the centroid.
+    pub weight: Weight,
+    /// Lines looked at.
+    pub budget: Budget,
+    /// Predict failures and search anew (section 3.4.4).
+    pub predict_failures: bool,
+    /// Largest standard deviations of a pose.
+    pub limits: Limits,
+}
+
+impl Default for ClassicOptions {
+    fn default() -> Self {
+        Self {
+            weight: Weight::Uniform,
+            budget: Budget::TruePerMarker(TRUE_LINES_PER_MARKER),
+            predict_failures: true,
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// Shared state and buffers.
+#[derive(Clone, Debug)]
+pub(crate) struct Classic {
+    pub(crate) body: Body,
+    pub(crate) options: ClassicOptions,
+    pub(crate) memory: Memory,
+    window: Window,
+    centroid: Centroid,
+    search: Search,
+    /// Markers from the window's origin, m.
+    pub(crate) places_m: Vec<Vector3<f64>>,
+    pub(crate) shares: Vec<f64>,
+    pub(crate) sums: Vec<Share>,
+    starts: Vec<Isometry3<f64>>,
+}
+
+impl Classic {
+    pub(crate) fn new(set: &MarkerSet, options: ClassicOptions) -> Self {
+        let body = Body::new(set);
+        let count = body.len();
+        Self {
+            shares: body.shares.clone(),
+            sums: vec![Share::default(); count],
+            places_m: vec![Vector3::zeros(); count],
+            body,
+            options,
+            memory: Memory::default(),
+            window: Window::default(),
+            centroid: Centroid::default(),
+            search: Search::default(),
+            starts: Vec::new(),
+        }
+    }
+
+    /// Lines that belong, from the window's origin.
+    pub(crate) fn rays(&self) -> &[Rays] {
+        self.centroid.kept_rays()
+    }
+
+    /// Budget, centroid, outliers, start: afterwards `places_m` and `shares` are where the iteration begins. Poses are told from the
+    /// window's origin.
+    pub(crate) fn begin(
+        &mut self,
+        lines: &[Line],
+        prior: Option<&Prior>,
+    ) -> Result<(Isometry3<f64>, Option<Reinitialized>), Failure> {
+        let hint = prior.filter(|p| p.how != PriorUse::None).map(|p| p.world_from_capsule);
+        let known = hint.or(self.memory.world_from_capsule);
+        let place = known.map(|p| p.transform_point(&self.body.centroid_m.into()).coords);
+        let about_world_m = place.or(self.memory.centroid_world_m).unwrap_or_default();
+        let budget = self.options.budget.lines(self.body.len(), self.memory.background_share);
+        let velocity_world_m_s = Vector3::zeros();
+        let how = Preparation { about_world_m, velocity_world_m_s, at_s: 0.0, budget };
+        self.window.load(lines, &how, FEWEST_KEPT)?;
+        let centre = self.centroid.find(&self.window, self.options.weight)?;
+        let kept = self.centroid.kept().len();
+        if kept < FEWEST_KEPT {
+            return Err(Failure::TooFewLines { given: lines.len(), usable: kept, needed: FEWEST_KEPT });
+        }
+        self.memory.centroid_world_m = Some(about_world_m + centre);
+        self.shares.clone_from(&self.body.shares);
+        if let Some(pose) = known {
+            let local = from_origin(&pose, &about_world_m);
+            self.place(&local);
+            if hint.is_none() && self.memory.markers_world_m.len() == self.body.len() {
+                for (at, world) in self.places_m.iter_mut().zip(&self.memory.markers_world_m) {
+                    *at = world - about_world_m;
+                }
+            }
+            if !self.options.predict_failures || self.start_is_sound() {
+                return Ok((local, None));
+            }
+        }
+        let why = match (known, self.memory.windows) {
+            (Some(_), _) => Reinitialized::Predicted,
+            (None, 0) => Reinitialized::FirstWindow,
+            (None, _) => Reinitialized::AfterFailure,
+        };
+        let found = self.best_candidate(&centre)?;
+        self.place(&found);
+        Ok((found, Some(why)))
+    }
+
+    pub(crate) fn place(&mut self, pose: &Isometry3<f64>) {
+        for (at, m) in self.places_m.iter_mut().zip(&self.body.markers_m) {
+            *at = pose.transform_point(&(*m).into()).coords;
+        }
+    }
+
+    /// Section 3.4.4.
+    fn start_is_sound(&mut self) -> bool {
+        for (i, a) in self.places_m.iter().enumerate() {
+            if self.places_m[..i].iter().any(|b| (a - b).norm() < NEAR_M) {
+                return false;
+            }
+        }
+        let passing = self.memberships(None);
+        passing >= PASSING_START * self.centroid.kept().len() as f64
+    }
+
+    /// A pass at the present places; the lines within reach of a marker.
+    pub(crate) fn memberships(&mut self, arms_m: Option<&[Vector3<f64>]>) -> f64 {
+        let rays = self.centroid.kept_rays();
+        pass(rays, &self.places_m, &self.shares, arms_m, &mut self.sums);
+        self.sums.iter().map(|s| s.members).sum()
+    }
+
+    /// Relative activities from the memberships.
+    pub(crate) fn update_shares(&mut self) {
+        let all: f64 = self.sums.iter().map(|s| s.members).sum();
+        if all > 0.0 {
+            for (share, sums) in self.shares.iter_mut().zip(&self.sums) {
+                *share = sums.members / all;
+            }
+        }
+    }
+
+    /// The best pose of a search: each candidate is refined a little, judged by the squared distance of its lines, capped at reach.
+    fn best_candidate(&mut self, centre: &Vector3<f64>) -> Result<Isometry3<f64>, Failure> {
+        self.starts.clear();
+        let found = self.search.find(self.centroid.kept_rays(), centre, &self.body.arms_m);
+        self.starts.extend(found.iter().map(|(_, turn)| self.body.at_centroid(centre, turn)));
+        let mut best: Option<(f64, Isometry3<f64>)> = None;
+        for k in 0..self.starts.len() {
+            let mut pose = self.starts[k];
+            self.shares.clone_from(&self.body.shares);
+            for _ in 0..CANDIDATE_PASSES {
+                self.place(&pose);
+                self.memberships(None);
+                if !self.rigid_step(&mut pose) {
+                    break;
+                }
+            }
+            self.place(&pose);
+            let cost = self.capped_cost();
+            if best.is_none_or(|(least, _)| cost < least) {
+                best = Some((cost, pose));
+            }
+        }
+        self.shares.clone_from(&self.body.shares);
+        best.map(|(_, pose)| pose).ok_or(Failure::Indefinite)
+    }
+
+    fn capped_cost(&self) -> f64 {
+        let cost = |k: usize| {
+            let (n, foot) = super::centroid::ray(self.centroid.kept_rays(), k);
+            let squared = |m: &Vector3<f64>| {
+                let v = foot - m;
+                v.norm_squared() - n.dot(&v).powi(2)
+            };
+            self.places_m.iter().map(squared).fold(REACH_M * REACH_M, f64::min)
+        };
+        (0..self.centroid.kept().len()).map(cost).sum()
+    }
+
+    /// Minimum over SE(3) of the cost with the memberships of the last pass (chapter 6): Gauss-Newton on sums that do not change.
+    /// `false` where they do not fix a pose.
+    pub(crate) fn rigid_step(&self, pose: &mut Isometry3<f64>) -> bool {
+        /// Quadratic convergence: three steps leave nothing.
+        const STEPS: usize = 3;
+        for _ in 0..STEPS {
+            let (matrix, side) = self.normal(pose);
+            let Some(root) = Cholesky::<f64, Const<6>>::new(matrix) else { return false };
+            let mut step = root.solve(&side);
+            let turn = step.fixed_rows::<3>(3).norm();
+            // A long turn leaves the region of the linear form.
+            if turn > 0.5 {
+                step *= 0.5 / turn;
+            }
+            if !step.iter().all(|v| v.is_finite()) {
+                return false;
+            }
+            *pose = oplus(pose, &step);
+            if step.fixed_rows::<3>(0).norm() < 0.1 * REST_M && turn < 1e-4 {
+                break;
+            }
+        }
+        true
+    }
+
+    /// `Σ Jᵀ A J` and `Σ Jᵀ (V - A M)` by `[δp_world, δθ_capsule]`.
+    fn normal(&self, pose: &Isometry3<f64>) -> (Matrix6<f64>, Vector6<f64>) {
+        let (mut pp, mut pr, mut rr) = (Matrix3::zeros(), Matrix3::zeros(), Matrix3::zeros());
+        let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
+        for (m, s) in self.body.markers_m.iter().zip(&self.sums) {
+            let arm = pose.rotation * m;
+            let f = s.side_m - s.matrix * (pose.translation.vector + arm);
+            let k = skew(&arm);
+            force += f;
+            torque += arm.cross(&f);
+            pp += s.matrix;
+            pr -= s.matrix * k;
+            rr -= k * s.matrix * k;
+        }
+        let r = pose.rotation.to_rotation_matrix().into_inner();
+        let (pr, rr, torque) = (pr * r, r.transpose() * rr * r, r.transpose() * torque);
+        let mut matrix = Matrix6::zeros();
+        matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&pp);
+        matrix.fixed_view_mut::<3, 3>(0, 3).copy_from(&pr);
+        matrix.fixed_view_mut::<3, 3>(3, 0).copy_from(&pr.transpose());
+        matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(&rr);
+        let side = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+        (matrix, side)
+    }
+
+    /// Health, covariance, roles: the answer, from the iteration's last places and pose.
+    pub(crate) fn finish(
+        &mut self,
+        pose: &Isometry3<f64>,
+        prior: Option<&Prior>,
+        why: Option<Reinitialized>,
+        out: &mut Tracked,
+    ) -> Result<(), Failure> {
+        let kept = self.centroid.kept().len();
+        let passing = self.memberships(None);
+        if passing < PASSING_END * kept as f64 {
+            return Err(Failure::Background {
+                effective: passing,
+                background: 100.0 * (1.0 - passing / self.window.len() as f64),
+                needed: (PASSING_END * kept as f64).ceil() as usize,
+            });
+        }
+        self.check_health()?;
+        let covariance = self.covariance(pose)?;
+        let origin = self.window.origin_world_m;
+        let world = Isometry3::from_parts((pose.translation.vector + origin).into(), pose.rotation);
+        let hint = prior.filter(|p| p.how != PriorUse::None);
+        let near = hint.map(|p| p.world_from_capsule).or(self.memory.world_from_capsule);
+        out.world_from_capsule = near.map_or(world, |near| self.body.nearest_twin(&world, &near));
+        out.covariance = covariance;
+        if out.world_from_capsule != world {
+            let turn = out.world_from_capsule.rotation.inverse() * world.rotation;
+            let mut jacobian = Matrix6::identity();
+            jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn.to_rotation_matrix().into_inner());
+            out.covariance = jacobian * covariance * jacobian.transpose();
+        }
+        out.markers_world_m.clear();
+        out.markers_world_m.extend(self.places_m.iter().map(|p| p + origin));
+        out.shares.clone_from(&self.shares);
+        out.background_share = 1.0 - passing / self.window.len() as f64;
+        out.used_lines = kept;
+        out.log_likelihood = -self.capped_cost();
+        out.ambiguous.clear();
+        out.ambiguous.extend(
+            self.body
+                .twins(&out.world_from_capsule)
+                .map(|world_from_capsule| Rival { world_from_capsule, log_likelihood_difference: 0.0 }),
+        );
+        out.reinitialized = why;
+        out.prior_use = if hint.is_some() { PriorUse::StartOnly } else { PriorUse::None };
+        self.roles(&mut out.roles);
+        Ok(())
+    }
+
+    fn check_health(&self) -> Result<(), Failure> {
+        let all: f64 = self.sums.iter().map(|s| s.members).sum();
+        for (marker, sums) in self.sums.iter().enumerate() {
+            let share = sums.members / all;
+            if !(share >= LEAST_SHARE) {
+                return Err(Failure::Share { marker, share, allowed: LEAST_SHARE });
+            }
+        }
+        let [least, most] = self.body.distances_m;
+        for (i, a) in self.places_m.iter().enumerate() {
+            for (j, b) in self.places_m[..i].iter().enumerate() {
+                let distance = (a - b).norm();
+                if !(least..=most).contains(&distance) {
+                    let (distance_mm, allowed_mm) = (distance * 1e3, [least * 1e3, most * 1e3]);
+                    return Err(Failure::Distance { pair: [j, i], distance_mm, allowed_mm });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn covariance(&mut self, pose: &Isometry3<f64>) -> Result<Matrix6<f64>, Failure> {
+        let mut arms = [Vector3::zeros(); MAX_MARKERS];
+        let count = self.body.len().min(MAX_MARKERS);
+        let mut places = [Vector3::zeros(); MAX_MARKERS];
+        for ((arm, place), m) in arms.iter_mut().zip(&mut places).zip(&self.body.markers_m) {
+            *arm = pose.rotation * m;
+            *place = pose.translation.vector + *arm;
+        }
+        let rays = self.centroid.kept_rays();
+        let total = pass(rays, &places[..count], &self.shares, Some(&arms[..count]), &mut self.sums);
+        let (matrix, _) = self.normal(pose);
+        let Some(root) = Cholesky::<f64, Const<6>>::new(matrix) else { return Err(Failure::Indefinite) };
+        let r = pose.rotation.to_rotation_matrix().into_inner();
+        let mut turn = Matrix6::identity();
+        turn.fixed_view_mut::<3, 3>(3, 3).copy_from(&r.transpose());
+        let inverse = root.inverse();
+        let sandwich = inverse * (turn * total.outer * turn.transpose()) * inverse;
+        let information = sandwich.try_inverse().ok_or(Failure::Indefinite)?;
+        super::climb::covariance(&((information + information.transpose()) * 0.5), &self.options.limits)
+    }
+
+    fn roles(&self, roles: &mut [Role]) {
+        for index in &self.window.indices {
+            roles[*index as usize] = Role::Dropped;
+        }
+        for (k, place) in self.centroid.kept().iter().enumerate() {
+            let (n, foot) = super::centroid::ray(self.centroid.kept_rays(), k);
+            let mut best = (REACH_M * REACH_M, Role::Background);
+            for (j, m) in self.places_m.iter().enumerate() {
+                let v = foot - m;
+                let squared = v.norm_squared() - n.dot(&v).powi(2);
+                if squared < best.0 {
+                    best = (squared, Role::Marker(j as u8));
+                }
+            }
+            roles[self.window.indices[*place as usize] as usize] = best.1;
+        }
+    }
+
+    /// What a window leaves behind.
+    pub(crate) fn remember(&mut self, done: Result<(), Failure>, out: &Tracked) -> Result<(), Failure> {
+        self.memory.windows += 1;
+        self.memory.world_from_capsule = done.is_ok().then_some(out.world_from_capsule);
+        if done.is_ok() {
+            self.memory.markers_world_m.clone_from(&out.markers_world_m);
+            self.memory.shares.clone_from(&out.shares);
+            self.memory.background_share = Some(out.background_share);
+        }
+        done
+    }
+}
+
+fn from_origin(pose: &Isometry3<f64>, origin_world_m: &Vector3<f64>) -> Isometry3<f64> {
+    Isometry3::from_parts((pose.translation.vector - origin_world_m).into(), pose.rotation)
+}

@@ -1,0 +1,83 @@
+//! Each reproduction in seconds: it runs, it is the same for any number of threads, and its rows say what they should.
+
+use lumenav_core::ModelFolder;
+use lumenav_reproduce::{Context, Executor, OneAfterAnother, Size, Table, Verdict, all, find};
+
+fn models() -> ModelFolder {
+    ModelFolder::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../models"))
+}
+
+/// Two threads, the last job first.
+struct Backwards;
+
+impl Executor for Backwards {
+    fn for_each(&self, count: usize, job: &(dyn Fn(usize) + Sync)) {
+        std::thread::scope(|scope| {
+            let odd = scope.spawn(|| (0..count).rev().filter(|k| k % 2 == 1).for_each(job));
+            (0..count).rev().filter(|k| k % 2 == 0).for_each(job);
+            odd.join().unwrap();
+        });
+    }
+}
+
+fn quick(id: &str, executor: &dyn Executor) -> Table {
+    let (models, reproduction) = (models(), find(id).unwrap());
+    let seeds = reproduction.seeds(None, Size::Quick);
+    reproduction.run(&Context::new(&models, seeds, Size::Quick, executor)).unwrap()
+}
+
+/// What holds for every table.
+fn check(table: &Table) {
+    assert!(!table.rows.is_empty() && !table.figures.is_empty(), "{}", table.id);
+    for row in &table.rows {
+        assert!(!row.why.is_empty(), "{}: `{}` says not why", table.id, row.quantity);
+        assert!(row.published.is_some() || row.verdict == Verdict::NotComparable, "{row:?}");
+        assert!(!row.ours.is_empty(), "{row:?}");
+    }
+    let names: Vec<&str> = table.rows.iter().map(|row| row.quantity.as_str()).collect();
+    let different: std::collections::BTreeSet<&&str> = names.iter().collect();
+    assert_eq!(names.len(), different.len(), "{}: two rows of one name", table.id);
+    assert!(table.figures.iter().all(|figure| figure.svg.starts_with("<svg")));
+}
+
+#[test]
+fn law_ids_are_sorted_and_found() {
+    let ids: Vec<&str> = all().iter().map(|r| r.id).collect();
+    assert!(ids.is_sorted() && !ids.is_empty());
+    assert!(ids.iter().all(|id| find(id).is_some()));
+    assert!(find("than2015/nothing").is_none());
+}
+
+#[test]
+fn published_rates_fall_with_the_cylinder_on_any_threads() {
+    let table = quick("than2015/rates", &OneAfterAnother);
+    check(&table);
+    let backwards = quick("than2015/rates", &Backwards);
+    assert_eq!(table.to_json().unwrap(), backwards.to_json().unwrap());
+    assert_eq!(table.figures, backwards.figures);
+    assert_eq!(table.rows.len(), 20);
+    // Three windows of the full ring and twelve of the reduced scanner: a statistical error of some per cent.
+    let lines = |prefix: &str| -> Vec<f64> {
+        let rows = table.rows.iter().filter(|row| row.quantity.starts_with(prefix));
+        rows.map(|row| row.ours["scaled"].unwrap() / row.published.unwrap()).collect()
+    };
+    for prefix in ["lines per run, full ring", "lines per run, reduced"] {
+        let ratios = lines(prefix);
+        assert_eq!(ratios.len(), 5);
+        assert!(ratios.iter().all(|r| (0.7..1.4).contains(r)), "{prefix}: {ratios:?}");
+    }
+    let shares = |row: &&lumenav_reproduce::Row| row.quantity.starts_with("true share");
+    for row in table.rows.iter().filter(shares) {
+        let ours = row.ours[row.judged.as_ref().unwrap()].unwrap();
+        assert!((ours - row.published.unwrap()).abs() < 12.0, "{row:?}");
+    }
+}
+
+#[test]
+fn published_dose_bound_is_met() {
+    let table = quick("than2015/dose", &OneAfterAnother);
+    check(&table);
+    let bound = table.rows.iter().find(|row| row.published == Some(8.04)).unwrap();
+    assert_eq!(bound.verdict, Verdict::Reproduced, "{bound:?}");
+    assert!(table.seeds.is_empty());
+}
