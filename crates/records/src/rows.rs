@@ -232,7 +232,7 @@ impl<'a> Cells<'a> {
         let cell = &self.rest[..end.unwrap_or(self.rest.len())];
         match end {
             Some(end) if self.separator == Separator::Space => {
-                self.rest = self.rest[end..].trim_ascii_start()
+                self.rest = self.rest[end..].trim_ascii_start();
             }
             Some(end) => self.rest = &self.rest[end + 1..],
             None => self.rest = &[],

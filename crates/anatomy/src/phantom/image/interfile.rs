@@ -46,19 +46,18 @@ pub(super) fn open(path: &Path) -> Result<Header, String> {
     ];
     let x_mm = number("scaling factor (mm/pixel) [1]", &["scalingfactormmpixel1"])?;
     let y_mm = number("scaling factor (mm/pixel) [2]", &["scalingfactormmpixel2"])?;
-    let z_mm = match get(&["scalingfactormmpixel3"]) {
-        Some(_) => number("scaling factor (mm/pixel) [3]", &["scalingfactormmpixel3"])?,
-        // The standard counts a slice's thickness in pixels; GATE and others write millimetres under the same key. A thickness equal
-        // to the pixel's is both; anything else must be said in millimetres.
-        None => {
-            let thickness = number("slice thickness (pixels)", &["slicethicknesspixels"])?;
-            if thickness != x_mm && thickness != 1.0 {
-                return Err(format!(
-                    "`slice thickness (pixels) := {thickness}`: pixels or mm? give `scaling factor (mm/pixel) [3]`"
-                ));
-            }
-            x_mm
+    // The standard counts a slice's thickness in pixels; GATE and others write millimetres under the same key. A thickness equal to
+    // the pixel's is both; anything else must be said in millimetres.
+    let z_mm = if get(&["scalingfactormmpixel3"]).is_some() {
+        number("scaling factor (mm/pixel) [3]", &["scalingfactormmpixel3"])?
+    } else {
+        let thickness = number("slice thickness (pixels)", &["slicethicknesspixels"])?;
+        if thickness != x_mm && thickness != 1.0 {
+            return Err(format!(
+                "`slice thickness (pixels) := {thickness}`: pixels or mm? give `scaling factor (mm/pixel) [3]`"
+            ));
         }
+        x_mm
     };
     let format = get(&["numberformat"]).map_or("unsigned integer", String::as_str).to_ascii_lowercase();
     let bytes = count("number of bytes per pixel", &["numberofbytesperpixel"])?;

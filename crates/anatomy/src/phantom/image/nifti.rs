@@ -112,8 +112,7 @@ fn places(fields: &Fields) -> Result<(Matrix3<f64>, Option<Vector3<f64>>), Strin
     }
     let [b, c, d] = [256, 260, 264].map(|at| fields.f32(at));
     let a2 = 1.0 - (b * b + c * c + d * d);
-    // NaN fails this comparison, too.
-    if !(a2 >= -1e-5) {
+    if a2.is_nan() || a2 < -1e-5 {
         return Err("the quaternion of its places is longer than 1".to_owned());
     }
     let turn = UnitQuaternion::new_normalize(Quaternion::new(a2.max(0.0).sqrt(), b, c, d));

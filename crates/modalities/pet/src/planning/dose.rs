@@ -85,7 +85,8 @@ impl WallDose {
         if transit.len() < 2 || self.stations < 2 || self.around == 0 {
             return None;
         }
-        if transit.windows(2).any(|pair| !(pair[1].t_s >= pair[0].t_s)) {
+        let is_forward = |pair: &[TransitPoint]| pair[1].t_s >= pair[0].t_s;
+        if !transit.windows(2).all(is_forward) {
             return None;
         }
         let sources = self.sources(tract, transit);

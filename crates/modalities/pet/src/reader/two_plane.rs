@@ -65,13 +65,14 @@ impl TwoPlaneFile {
         let (mut separation_mm, mut ahead) = (None, None);
         while ahead.is_none() {
             let found = match rows.next_row()? {
-                Some(row) if row.line <= MAX_HEADER_LINES => match separation(row.bytes) {
-                    Some(found) => found.map(|v| separation_mm = Some(v)),
-                    None => {
+                Some(row) if row.line <= MAX_HEADER_LINES => {
+                    if let Some(found) = separation(row.bytes) {
+                        found.map(|v| separation_mm = Some(v))
+                    } else {
                         ahead = numbers(row.bytes);
                         Ok(())
                     }
-                },
+                }
                 _ => Err(format!(
                     "no row of five numbers ({}) within {MAX_HEADER_LINES} lines",
                     COLUMNS.join(" ")

@@ -359,13 +359,24 @@ impl Likelihood {
         pose: &Isometry3<f64>,
         weights: &Weights,
     ) -> Matrix6<f64> {
+        self.expected_of_counts(window, pose, weights, |_| 1.0)
+    }
+
+    /// As [`Self::expected_information`], for `count(i)` lines like the i-th that the window was given: bundles of a plan.
+    pub(crate) fn expected_of_counts(
+        &self,
+        window: &Window,
+        pose: &Isometry3<f64>,
+        weights: &Weights,
+        count: impl Fn(usize) -> f64,
+    ) -> Matrix6<f64> {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
         let mut information = Matrix6::zeros();
-        for k in 0..window.len() {
-            let shape = &window.shapes[k / super::lanes::LANES];
-            information +=
-                super::expected::of_line(shape, k % super::lanes::LANES, &placed[..used], weights.background);
+        for (k, index) in window.indices.iter().enumerate() {
+            let (shape, lane) = (&window.shapes[k / super::lanes::LANES], k % super::lanes::LANES);
+            let one = super::expected::of_line(shape, lane, &placed[..used], weights.background);
+            information += one * count(*index as usize);
         }
         to_capsule_axes(&information, &pose.rotation.to_rotation_matrix().into_inner())
     }
