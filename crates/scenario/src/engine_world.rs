@@ -90,15 +90,16 @@ impl EngineWorld {
         let step_ns = (1e9 / f64::from(config.step_rate_hz)).round() as i64;
         let motility =
             Motility::new(&motility, &tract, streams).map_err(|error| error.at_motility(&motility_node))?;
-        let engine =
+        let mut engine =
             Engine::new(config, tract.clone(), motility, file.body).map_err(|error| match &error {
                 EngineError::OutOfRange { name, .. } => engine_node.error_at(name, &error.to_string()),
                 // The capsule's own file is at fault, not the scenario's.
                 EngineError::CapsuleShape { .. } => {
                     file.capsule_model.child_or_empty("capsule").error_at("length_mm", &error.to_string())
                 }
-                EngineError::Snapshot { .. } => engine_node.error(&error.to_string()),
+                _ => engine_node.error(&error.to_string()),
             })?;
+        engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
         let mut world =
             Self { engine, history: TruthHistory::default(), step_ns, notes: Vec::new(), warnings };
         world.remember();

@@ -1,6 +1,6 @@
 //! What a scenario file may not say: every refusal names file, line and key, and nothing runs for ever.
 
-use lumenav_core::{ModelFolder, Node};
+use lumenav_core::{ModelFolder, Node, SimTime};
 use lumenav_scenario::engine::{ENGINE_SOURCES, EngineConfig};
 use lumenav_scenario::{ScenarioFile, build_world};
 use std::path::{Path, PathBuf};
@@ -119,4 +119,44 @@ fn law_every_default_of_a_scenario_has_a_source() {
         }
     }
     assert!(numbers > 60, "{numbers}");
+}
+
+#[test]
+fn law_a_world_starts_at_rest() {
+    let text = |more: &str| {
+        format!(
+            "[scenario]\nname = \"t\"\nduration_s = 5.0\n[capsule]\nmodel = \"pillcam-magnet\"\nstart_arc_length_mm = \
+             100.0\n[tract]\nmodel = \"colon\"\n[motility]\nspontaneous = false\n{more}"
+        )
+    };
+    let fastest_m_s = |more: &str| {
+        let node = Node::parse_text(&text(more), "s.toml", Path::new(""), &[]).unwrap();
+        let file = ScenarioFile::from_node(node, ModelFolder::new(models())).unwrap();
+        let mut world = build_world(&file, 1, 0).unwrap().world;
+        world.advance_to(SimTime::from_seconds(0.2)).unwrap();
+        let speed =
+            |i: i32| world.truth().capsule(SimTime(i64::from(i) * 5_000_000)).velocity_world_m_s.norm();
+        (0..=40).map(speed).fold(0.0, f64::max)
+    };
+    let (settled, falling) = (fastest_m_s(""), fastest_m_s("[engine]\nsettle_s = 0\n"));
+    println!(
+        "figure: first 0.2 s in the shipped colon: {:.2} mm/s, unsettled {:.1}",
+        1e3 * settled,
+        1e3 * falling
+    );
+    assert!(settled < 5e-3, "{settled} m/s");
+    assert!(falling > 0.05, "{falling} m/s: nothing was shown");
+}
+
+#[test]
+fn law_a_start_without_hold_is_refused_at_its_line() {
+    // The tube lies along z: with gravity along it nothing holds a capsule in a wide one.
+    let more = |g: &str| format!("radius_scale = 3\n[engine]\ngravity_torso_m_s2 = {g}\n");
+    let build = |g: &str| build(&in_a_tube("pillcam-magnet", "5.0", &more(g)));
+    let error = build("[0, 0, -9.81]").unwrap_err();
+    assert!(
+        error.starts_with("s.toml:4:1: `capsule.start_arc_length_mm`: the wall does not hold"),
+        "{error}"
+    );
+    assert_eq!(build("[0, -9.81, 0]"), Ok(()));
 }

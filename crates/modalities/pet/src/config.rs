@@ -68,22 +68,27 @@ pub enum Output {
     Fcm,
     /// The lines themselves for the filter; a pose only to start from.
     Lines,
-    /// Independent points, one per marker: calibration sources without a capsule.
-    Points,
 }
 
 /// `[track.sensor.<name>]` for a PET sensor.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptionsTable {
-    /// `mixture`, `rigid`, `fcm` (poses), `lines` (for the filter) or `points`.
+    /// `mixture`, `rigid`, `fcm` (poses) or `lines` (for the filter).
     pub front_end: Output,
-    /// Independent points that `points` looks for, 1 or 2. Absent: 1.
-    pub points: Option<u32>,
-    /// Which of them this track follows, from 1, in the order in which the first window found them (from -x to +x). Absent: 1.
-    pub point: Option<u32>,
+    /// Whether a pose that is about to be lost is searched for anew: the failure prediction of than2015, section 3.4.4 (`fcm`,
+    /// `rigid`), the test of the markers' orders over several windows (`mixture`, `lines`).
+    pub predict_failures: bool,
+    /// Whether the markers' places in the capsule are estimated on the way (`mixture`, `lines`).
+    pub estimate_markers: bool,
     /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
     pub most_lines: Option<u32>,
+}
+
+impl Default for OptionsTable {
+    fn default() -> Self {
+        Self { front_end: Output::default(), predict_failures: true, estimate_markers: false, most_lines: None }
+    }
 }
 
 /// Where the defaults of these tables come from: key and source.
@@ -105,8 +110,8 @@ pub const REALITY_SOURCES: [(&str, &str); 5] = [
 /// See [`INSTALLED_SOURCES`].
 pub const OPTIONS_SOURCES: [(&str, &str); 4] = [
     ("front_end", "chosen: the estimator that gives a covariance"),
-    ("points", "chosen: one source"),
-    ("point", "chosen: the first"),
+    ("predict_failures", "than2015, section 3.4.4: a track that is lost stays lost without it"),
+    ("estimate_markers", "chosen: the markers stand where the capsule's model says"),
     ("most_lines", "chosen: no line is thrown away unseen"),
 ];
 

@@ -15,9 +15,13 @@ use crate::line::Line;
 use crate::markers::MarkerSet;
 use crate::model::{FixOfLines, LinesModel};
 use crate::payload;
+use crate::tracking::budget::Budget;
+use crate::tracking::ClassicOptions;
+use crate::tracking::fcm::Fcm;
 use crate::tracking::likelihood::{Likelihood, Weights};
 use crate::tracking::mixture::{Mixture, MixtureOptions};
 use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
+use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
 use crate::tracking::{Failure, Memory, Prior, Reinitialized, Role, Tracked, Tracker};
 use lumenav_core::fix::FixModel;
@@ -221,12 +225,7 @@ pub(crate) fn build(
     let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
     let block = BlockNoise::of_scanner(&installed.scanner, &installed.scintillator, installed.table.end_points);
     let noise = Arc::new(LineNoise::new(&installed.scanner, &block, &SourceNoise::default()));
-    let budget = options.most_lines.map(|n| n as usize);
-    let tracker: Box<dyn Tracker> = match options.front_end {
-        _ => {
-            Box::new(Mixture::new(&markers, (*noise).clone(), MixtureOptions { budget, ..MixtureOptions::default() }))
-        }
-    };
+    let tracker = tracker(options, &markers, &noise);
     let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
     let activity = markers.total_activity_bq();
     let shares = markers.markers.iter().map(|m| m.activity_bq / activity).collect();
@@ -237,6 +236,31 @@ pub(crate) fn build(
         weights: Weights { shares, background: EXPECTED_BACKGROUND },
     };
     Ok(Estimator::of_front_end(PetFrontEnd::new(setup.sensor.clone(), markers, options.front_end, tracker, model)))
+}
+
+fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Box<dyn Tracker> {
+    let most = options.most_lines.map(|n| n as usize);
+    let classic = || {
+        let default = ClassicOptions::default();
+        ClassicOptions {
+            budget: most.map_or(default.budget, Budget::AtMost),
+            predict_failures: options.predict_failures,
+            ..default
+        }
+    };
+    match options.front_end {
+        Output::Fcm => Box::new(Fcm::new(markers, classic())),
+        Output::Rigid => Box::new(Rigid::new(markers, classic())),
+        Output::Mixture | Output::Lines => {
+            let mixture = MixtureOptions {
+                budget: most.map_or(Budget::All, Budget::AtMost),
+                test_permutations: options.predict_failures,
+                estimate_markers: options.estimate_markers,
+                ..MixtureOptions::default()
+            };
+            Box::new(Mixture::new(markers, noise.clone(), mixture))
+        }
+    }
 }
 
 /// Share of the background before any window has told: the middle of than2015, table 4.2 (20 to 50 per cent).

@@ -49,7 +49,7 @@ impl Modality for Pet {
     }
 
     fn front_ends(&self) -> &'static [&'static str] {
-        &["mixture", "rigid", "fcm", "lines", "points"]
+        &["mixture", "rigid", "fcm", "lines"]
     }
 
     fn sensor(&self, installed: &Node, reality: &Node, setup: &Setup) -> Result<Box<dyn Sensor>, ModalityError> {

@@ -20,6 +20,9 @@ pub struct EngineConfig {
     pub start_arc_length_m: NonNegative,
     /// Turn of the capsule about its axis at the start, rad. Default 0.
     pub start_roll_rad: Finite,
+    /// Longest time that the capsule is given before t = 0 to come to rest on the wall, s; the wall stands still meanwhile. 0: it starts
+    /// on the centre line and falls. Default 10 (B): most starts in a colon take 1 to 3 s.
+    pub settle_s: NonNegative,
     /// Gravity in the torso frame, m/s². Default (0, -9.81, 0): lying on the back.
     pub gravity_torso_m_s2: [Finite; 3],
     /// Segments without fluid: no buoyancy and no drag. Default none: bowels are prepared with litres of fluid.
@@ -59,6 +62,7 @@ impl Default for EngineConfig {
             step_rate_hz: 240,
             start_arc_length_m: NonNegative(0.02),
             start_roll_rad: Finite(0.0),
+            settle_s: NonNegative(10.0),
             gravity_torso_m_s2: [Finite(0.0), Finite(-9.81), Finite(0.0)],
             dry_segments: Vec::new(),
             fluid_density_kg_m3: NonNegative(1000.0),
@@ -90,6 +94,7 @@ pub(super) fn check(config: &EngineConfig, tract: &Tract, capsule: &CapsuleBody)
     in_range("step_rate_hz", f64::from(config.step_rate_hz), f64::from(low), f64::from(high))?;
     in_range("start_arc_length_m", config.start_arc_length_m.0, 0.0, tract.length_m())?;
     in_range("start_roll_rad", config.start_roll_rad.0, -1e3, 1e3)?;
+    in_range("settle_s", config.settle_s.0, 0.0, 1e4)?;
     for g in config.gravity_torso_m_s2 {
         in_range("gravity_torso_m_s2", g.0, -100.0, 100.0)?;
     }

@@ -30,6 +30,7 @@ mod config;
 mod events;
 mod foot;
 mod fuzz;
+mod settle;
 mod snapshot;
 mod sources;
 mod system;
@@ -39,6 +40,7 @@ pub use body::Obstacle;
 pub use config::EngineConfig;
 pub use events::{EngineEvent, EventKind};
 pub use fuzz::{FuzzReport, TOLERANCE_M, fuzz_inside_lumen};
+pub use settle::Settled;
 
 use body::Body;
 use config::check;
@@ -89,6 +91,22 @@ pub enum EngineError {
         length_m: f64,
         /// Mass, kg.
         mass_kg: f64,
+    },
+    /// The wall does not hold the capsule where it was put.
+    #[error(
+        "the wall does not hold the capsule where it starts: put at {:.1} mm, it is at {:.1} mm and moves at {:.1} mm/s instead of coming to \
+         rest within {:.1} mm; start it elsewhere, or on the centre line without rest by `settle_s = 0` of [engine]",
+        1e3 * put_m, 1e3 * reached_m, 1e3 * speed_m_s, 1e3 * within_m
+    )]
+    Unsettled {
+        /// Where it was put, arc length, m.
+        put_m: f64,
+        /// Where it is, arc length, m.
+        reached_m: f64,
+        /// How far from there it may rest, m.
+        within_m: f64,
+        /// Speed of its faster end, m/s.
+        speed_m_s: f64,
     },
     /// The bytes are no snapshot of this version, or are cut short.
     #[error("not a snapshot of this engine: {reason}")]
@@ -154,7 +172,8 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// A capsule at rest on the centre line at the configured arc length, its x axis along the tangent.
+    /// A capsule without velocity on the centre line at the configured arc length, its x axis along the tangent; see
+    /// [`Engine::settle`].
     ///
     /// # Errors
     /// [`EngineError`]: a start outside the tract, a step rate out of range, an impossible capsule.
@@ -267,9 +286,13 @@ impl Engine {
     fn step_once(&mut self) {
         let time_s = self.step_index as f64 * self.step_s;
         self.step_index += 1;
-        if self.left {
-            return;
+        if !self.left {
+            self.step_at(time_s);
         }
+    }
+
+    /// Moves the capsule by one step, with the wall as it is at `time_s`.
+    fn step_at(&mut self, time_s: f64) {
         let twist = self.body.twist();
         let pose = self.body.pose();
         let axis = pose.rotation * Vector3::x();
