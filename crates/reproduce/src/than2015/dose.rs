@@ -22,17 +22,20 @@ const DISTANCES_MM: [f64; 2] = [20.0, 200.0];
 const CURVE_POINTS: usize = 46;
 /// Rate of poses of the simulations, Hz.
 const RATE_HZ: f64 = 20.0;
-const GEOMETRIES: [(Geometry, &str); 2] = [(Geometry::FullRing, "full ring"), (Geometry::Reduced, "reduced scanner")];
+const GEOMETRIES: [(Geometry, &str); 2] =
+    [(Geometry::FullRing, "full ring"), (Geometry::Reduced, "reduced scanner")];
 
 /// Runs it.
 pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
     let markers = set_up::markers(context.models)?;
     let attenuation_per_m = set_up::phantom(context.models, PHANTOM)?.largest_attenuation_511_per_m();
     let total_bq = markers.total_activity_bq();
-    let bound_msv =
-        |hours: f64, distance_m: f64| dose_bound_sv(SODIUM_22_SV_M2_PER_H_BQ, total_bq, hours * 3600.0, distance_m) * 1e3;
+    let bound_msv = |hours: f64, distance_m: f64| {
+        dose_bound_sv(SODIUM_22_SV_M2_PER_H_BQ, total_bq, hours * 3600.0, distance_m) * 1e3
+    };
     let behind_msv = |hours: f64, distance_m: f64| {
-        let rate = dose_rate_sv_per_h(SODIUM_22_SV_M2_PER_H_BQ, total_bq, attenuation_per_m, distance_m, distance_m);
+        let rate =
+            dose_rate_sv_per_h(SODIUM_22_SV_M2_PER_H_BQ, total_bq, attenuation_per_m, distance_m, distance_m);
         rate * hours * 1e3
     };
     table.set("markers", format!("{} of Na-22, {:.2} MBq together", markers.len(), total_bq * 1e-6));
@@ -57,12 +60,16 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     }
     for (geometry, name) in GEOMETRIES {
         for published in RATES {
-            let Some(activity_bq) = smallest_activity_bq(geometry, published.diameter_cm * 1e-2, RATE_HZ) else { continue };
-            let quantity = format!("smallest activity per marker at {RATE_HZ} Hz, {name}, {} cm", published.diameter_cm);
+            let Some(activity_bq) = smallest_activity_bq(geometry, published.diameter_cm * 1e-2, RATE_HZ)
+            else {
+                continue;
+            };
+            let quantity =
+                format!("smallest activity per marker at {RATE_HZ} Hz, {name}, {} cm", published.diameter_cm);
             table.rows.push(
-                Row::new(quantity, "MBq", None)
-                    .ours("formula", activity_bq * 1e-6)
-                    .not_comparable("not available: the source states the formula, of its values this project has none"),
+                Row::new(quantity, "MBq", None).ours("formula", activity_bq * 1e-6).not_comparable(
+                    "not available: the source states the formula, of its values this project has none",
+                ),
             );
         }
     }
@@ -85,7 +92,11 @@ fn figure(bound_msv: Dose<'_>, behind_msv: Dose<'_>) -> Result<NamedFigure, Repr
     let panel = Panel::new(Axis::linear("distance (mm)"), Axis::logarithmic("dose in 10 h (mSv)"))
         .with(Series::ours(0, "nothing between").line(0).points(&along(bound_msv)))
         .with(Series::ours(1, "water between").line(1).points(&along(behind_msv)))
-        .with(Series::published("than2015, section 3.6").symbols().points(&[(DISTANCE_M * 1e3, DOSE_BOUND_MSV)]));
+        .with(
+            Series::published("than2015, section 3.6")
+                .symbols()
+                .points(&[(DISTANCE_M * 1e3, DOSE_BOUND_MSV)]),
+        );
     let mut activity = Panel::new(
         Axis::linear("diameter of the body (cm)"),
         Axis::logarithmic(&format!("activity per marker at {RATE_HZ} Hz (MBq)")),
@@ -93,7 +104,9 @@ fn figure(bound_msv: Dose<'_>, behind_msv: Dose<'_>) -> Result<NamedFigure, Repr
     for (k, (geometry, name)) in GEOMETRIES.into_iter().enumerate() {
         let at = |step: u32| 20.0 + f64::from(step) * 0.5;
         let curve: Vec<(f64, f64)> = (0..=40)
-            .filter_map(|step| Some((at(step), smallest_activity_bq(geometry, at(step) * 1e-2, RATE_HZ)? * 1e-6)))
+            .filter_map(|step| {
+                Some((at(step), smallest_activity_bq(geometry, at(step) * 1e-2, RATE_HZ)? * 1e-6))
+            })
             .collect();
         activity = activity.with(Series::ours(k + 2, name).line(k).points(&curve));
     }
