@@ -12,7 +12,9 @@
 mod support;
 
 use lumenav_pet::tracking::{BlockNoise, ClassicOptions, Fcm, Mixture, MixtureOptions, Rigid, Tracker};
-use support::{Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, noise_of_law, scanner, triangle};
+use support::{
+    Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, noise_of_law, scanner, triangle,
+};
 
 const ROWS: [(f64, f64); 5] = [(284.0, 0.819), (183.0, 0.759), (120.0, 0.702), (80.0, 0.642), (54.0, 0.592)];
 
@@ -26,10 +28,17 @@ fn main() {
     let (set, scanner) = (triangle(), scanner("reduced"));
     let noise = if physics { noise_of(&scanner) } else { noise_of_law(&scanner, &BlockNoise::reference()) };
     if physics {
-        let block = BlockNoise::of_block(&scanner, &support::scintillator(&scanner), lumenav_pet::simulation::EndPoints::Crystal);
+        let block = BlockNoise::of_block(
+            &scanner,
+            &support::scintillator(&scanner),
+            lumenav_pet::simulation::EndPoints::Crystal,
+        );
         println!("block noise {block:?}");
     }
-    println!("{windows} windows, ends by {}, speed x{speed}, acceleration {acceleration} m/s2, 1 rad/s2", if physics { "physics" } else { "law" });
+    println!(
+        "{windows} windows, ends by {}, speed x{speed}, acceleration {acceleration} m/s2, 1 rad/s2",
+        if physics { "physics" } else { "law" }
+    );
     for (lines, share) in ROWS {
         for seed in 1..=seeds {
             let ends = if physics { Ends::physics(&scanner) } else { Ends::Law(BlockNoise::reference()) };
@@ -42,7 +51,11 @@ fn main() {
                 ("fcm", Box::new(Fcm::new(&set, ClassicOptions::default())), false),
                 ("rigid", Box::new(Rigid::new(&set, ClassicOptions::default())), false),
                 ("mixture", Box::new(Mixture::new(&set, noise.clone(), MixtureOptions::default())), false),
-                ("mixture+motion", Box::new(Mixture::new(&set, noise.clone(), MixtureOptions::default())), true),
+                (
+                    "mixture+motion",
+                    Box::new(Mixture::new(&set, noise.clone(), MixtureOptions::default())),
+                    true,
+                ),
             ];
             for (name, mut tracker, moving) in kinds {
                 let mut filter = MotionFilter::new(acceleration, 1.0);
@@ -51,17 +64,24 @@ fn main() {
                 let clock = std::time::Instant::now();
                 for (w, window) in all.iter().enumerate() {
                     let truth = motion((w as f64 + 0.5) * WINDOW_S);
-                    let answer = if moving { filter.step(tracker.as_mut(), window, WINDOW_S) } else { tracker.track(window, None) };
+                    let answer = if moving {
+                        filter.step(tracker.as_mut(), window, WINDOW_S)
+                    } else {
+                        tracker.track(window, None)
+                    };
                     match answer {
                         Ok(t) => {
                             let (mean, worst) = marker_errors(&t.markers_world_m, &truth, &set);
                             errors.push(mean * 1e3);
                             failures += usize::from(worst > 3e-3);
                             searched += usize::from(t.reinitialized.is_some());
-                            let twin = t.ambiguous.first().map_or(t.world_from_capsule, |r| r.world_from_capsule);
+                            let twin =
+                                t.ambiguous.first().map_or(t.world_from_capsule, |r| r.world_from_capsule);
                             let e = |p| lumenav_core::pose::ominus(&p, &truth);
                             let (a, b) = (e(t.world_from_capsule), e(twin));
-                            let e = if a.fixed_rows::<3>(3).norm() <= b.fixed_rows::<3>(3).norm() { a } else {
+                            let e = if a.fixed_rows::<3>(3).norm() <= b.fixed_rows::<3>(3).norm() {
+                                a
+                            } else {
                                 // The twin's axes: its covariance is the answer's, turned.
                                 let d = twin.rotation.inverse() * t.world_from_capsule.rotation;
                                 let mut b = b;
@@ -76,7 +96,8 @@ fn main() {
                         Err(f) => {
                             refused += 1;
                             let name = format!("{f:?}");
-                            *why.entry(name.split([' ', '{']).next().unwrap_or("").to_owned()).or_insert(0) += 1;
+                            *why.entry(name.split([' ', '{']).next().unwrap_or("").to_owned())
+                                .or_insert(0) += 1;
                         }
                     }
                 }
@@ -85,7 +106,9 @@ fn main() {
                 let mean = errors.iter().sum::<f64>() / n;
                 let sd = (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / n).sqrt();
                 let nees = nees / (errors.len() - failures).max(1) as f64;
-                println!("{lines:4} lines seed {seed} {name:15} {mean:.3} +- {sd:.3} mm, wrong {failures}, refused {refused} {why:?}, searches {searched}, NEES {nees:.1}, {us:.0} us");
+                println!(
+                    "{lines:4} lines seed {seed} {name:15} {mean:.3} +- {sd:.3} mm, wrong {failures}, refused {refused} {why:?}, searches {searched}, NEES {nees:.1}, {us:.0} us"
+                );
             }
         }
     }

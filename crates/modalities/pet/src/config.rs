@@ -87,7 +87,12 @@ pub struct OptionsTable {
 
 impl Default for OptionsTable {
     fn default() -> Self {
-        Self { front_end: Output::default(), predict_failures: true, estimate_markers: false, most_lines: None }
+        Self {
+            front_end: Output::default(),
+            predict_failures: true,
+            estimate_markers: false,
+            most_lines: None,
+        }
     }
 }
 
@@ -104,7 +109,10 @@ pub const REALITY_SOURCES: [(&str, &str); 5] = [
     ("acollinearity_fwhm_deg", "about 0.5 degrees in water, than2015, section 2.2"),
     ("marker_placement_sigma_mm", "chosen: markers sit where the model says unless the scenario says else"),
     ("marker_misplacement_mm", "chosen: markers sit where the model says unless the scenario says else"),
-    ("marker_activity_factor", "chosen: markers are as active as the model says unless the scenario says else"),
+    (
+        "marker_activity_factor",
+        "chosen: markers are as active as the model says unless the scenario says else",
+    ),
 ];
 
 /// See [`INSTALLED_SOURCES`].
@@ -151,7 +159,10 @@ impl Installed {
         if let (Some(window), Some(schedule)) = (table.window_ms, setup.schedule) {
             let period_ms = 1e3 / schedule.rate_hz.0;
             if window.0 > period_ms * (1.0 + 1e-9) {
-                let message = format!("a window of {} ms at a period of {period_ms} ms; allowed: up to the period", window.0);
+                let message = format!(
+                    "a window of {} ms at a period of {period_ms} ms; allowed: up to the period",
+                    window.0
+                );
                 return Err(node.error_at("window_ms", &message).into());
             }
         }

@@ -15,8 +15,8 @@ use crate::line::Line;
 use crate::markers::MarkerSet;
 use crate::model::{FixOfLines, LinesModel};
 use crate::payload;
-use crate::tracking::budget::Budget;
 use crate::tracking::ClassicOptions;
+use crate::tracking::budget::Budget;
 use crate::tracking::fcm::Fcm;
 use crate::tracking::likelihood::{Likelihood, Weights};
 use crate::tracking::mixture::{Mixture, MixtureOptions};
@@ -27,8 +27,8 @@ use crate::tracking::{Failure, Memory, Prior, Reinitialized, Role, Tracked, Trac
 use lumenav_core::fix::FixModel;
 use lumenav_core::pose::ominus;
 use lumenav_core::{
-    Estimator, FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate, PosePrior, Primitive,
-    PriorUse, Reading, Setup,
+    Estimator, FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate,
+    PosePrior, Primitive, PriorUse, Reading, Setup,
 };
 use nalgebra::{Isometry3, Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
@@ -67,7 +67,13 @@ pub struct PetFrontEnd {
 
 impl PetFrontEnd {
     /// A front end with a tracker of its own.
-    pub fn new(sensor: Name, markers: MarkerSet, output: Output, tracker: Box<dyn Tracker>, model: LinesModel) -> Self {
+    pub fn new(
+        sensor: Name,
+        markers: MarkerSet,
+        output: Output,
+        tracker: Box<dyn Tracker>,
+        model: LinesModel,
+    ) -> Self {
         let symmetric = !markers.symmetries(SYMMETRIC_WITHIN_M, ACTIVITIES_ALIKE).is_empty();
         Self {
             sensor,
@@ -88,7 +94,12 @@ impl PetFrontEnd {
     }
 
     /// The window as the filter's model, about a pose; `None` where it holds too few lines.
-    fn window_about(&self, pose: &Isometry3<f64>, prior: Option<&Prior>, at_s: f64) -> Result<LinesModel, Failure> {
+    fn window_about(
+        &self,
+        pose: &Isometry3<f64>,
+        prior: Option<&Prior>,
+        at_s: f64,
+    ) -> Result<LinesModel, Failure> {
         let centroid = pose * nalgebra::Point3::from(self.markers.centroid_capsule_m());
         let how = Preparation {
             about_world_m: centroid.coords,
@@ -186,7 +197,9 @@ impl PetFrontEnd {
         };
         if explained < FEWEST_EXPLAINED {
             let given = model.window.len();
-            return refused(&format!("{explained:.1} of {given} lines pass the markers; needed: {FEWEST_EXPLAINED}"));
+            return refused(&format!(
+                "{explained:.1} of {given} lines pass the markers; needed: {FEWEST_EXPLAINED}"
+            ));
         }
         self.measured(reading, reading.payload.clone(), Arc::new(model), None, PriorUse::StartOnly)
     }
@@ -202,8 +215,13 @@ impl PetFrontEnd {
     }
 
     fn agrees(&self, prior: &Prior) -> bool {
-        let alike = std::iter::once(self.tracked.world_from_capsule)
-            .chain(self.tracked.ambiguous.iter().filter(|r| r.log_likelihood_difference == 0.0).map(|r| r.world_from_capsule));
+        let alike = std::iter::once(self.tracked.world_from_capsule).chain(
+            self.tracked
+                .ambiguous
+                .iter()
+                .filter(|r| r.log_likelihood_difference == 0.0)
+                .map(|r| r.world_from_capsule),
+        );
         let covariance = self.tracked.covariance + prior.covariance;
         let Some(factor) = covariance.cholesky() else { return true };
         alike.into_iter().any(|pose| {
@@ -223,7 +241,7 @@ pub(crate) fn build(
     setup: &Setup,
 ) -> Result<Estimator, ModalityError> {
     let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
-    let block = BlockNoise::of_scanner(&installed.scanner, &installed.scintillator, installed.table.end_points);
+    let block = BlockNoise::of_block(&installed.scanner, &installed.scintillator, installed.table.end_points);
     let noise = Arc::new(LineNoise::new(&installed.scanner, &block, &SourceNoise::default()));
     let tracker = tracker(options, &markers, &noise);
     let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
@@ -235,7 +253,13 @@ pub(crate) fn build(
         window: Arc::default(),
         weights: Weights { shares, background: EXPECTED_BACKGROUND },
     };
-    Ok(Estimator::of_front_end(PetFrontEnd::new(setup.sensor.clone(), markers, options.front_end, tracker, model)))
+    Ok(Estimator::of_front_end(PetFrontEnd::new(
+        setup.sensor.clone(),
+        markers,
+        options.front_end,
+        tracker,
+        model,
+    )))
 }
 
 fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Box<dyn Tracker> {
@@ -360,14 +384,18 @@ impl PetFrontEnd {
         let centre: Vector3<f64> = if self.tracked.markers_world_m.is_empty() {
             self.tracked.world_from_capsule.translation.vector
         } else {
-            self.tracked.markers_world_m.iter().sum::<Vector3<f64>>() / self.tracked.markers_world_m.len() as f64
+            self.tracked.markers_world_m.iter().sum::<Vector3<f64>>()
+                / self.tracked.markers_world_m.len() as f64
         };
         let every = self.lines.len().div_ceil(MOST_DRAWN).max(1);
         let (mut strips, mut rgba) = (Vec::new(), Vec::new());
         for (i, line) in self.lines.iter().enumerate().step_by(every) {
             let Some(along) = line.direction() else { continue };
-            let nearest = line.ends_world_m[0] + along.into_inner() * along.dot(&(centre - line.ends_world_m[0]));
-            let end = |sign: f64| (nearest + along.into_inner() * (sign * DRAWN_HALF_LENGTH_M)).map(|v| v as f32).into();
+            let nearest =
+                line.ends_world_m[0] + along.into_inner() * along.dot(&(centre - line.ends_world_m[0]));
+            let end = |sign: f64| {
+                (nearest + along.into_inner() * (sign * DRAWN_HALF_LENGTH_M)).map(|v| v as f32).into()
+            };
             strips.push(vec![end(-1.0), end(1.0)]);
             rgba.push(line_colour(self.tracked.roles.get(i).copied().unwrap_or(Role::Unused)));
         }

@@ -52,7 +52,12 @@ impl Modality for Pet {
         &["mixture", "rigid", "fcm", "lines"]
     }
 
-    fn sensor(&self, installed: &Node, reality: &Node, setup: &Setup) -> Result<Box<dyn Sensor>, ModalityError> {
+    fn sensor(
+        &self,
+        installed: &Node,
+        reality: &Node,
+        setup: &Setup,
+    ) -> Result<Box<dyn Sensor>, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
         let table: RealityTable = reality.parse_sourced(&REALITY_SOURCES)?;
         let Some(schedule) = setup.schedule else {

@@ -43,7 +43,8 @@ impl LinesModel {
     /// shift are alike.
     fn size_m(&self) -> f64 {
         let markers = &self.likelihood.markers_capsule_m;
-        let square = markers.iter().map(nalgebra::Vector3::norm_squared).sum::<f64>() / markers.len().max(1) as f64;
+        let square =
+            markers.iter().map(nalgebra::Vector3::norm_squared).sum::<f64>() / markers.len().max(1) as f64;
         square.sqrt().max(1e-3)
     }
 }

@@ -9,16 +9,16 @@
 
 use crate::config::{Installed, RealityTable, isotopes};
 use crate::line::Line;
+use crate::markers::{Marker, MarkerSet};
 use crate::payload;
 use crate::scanner::Scanner;
-use crate::markers::{Marker, MarkerSet};
 use crate::simulation::{Isotope, LabelledLine, Origin, Settings, Simulator, SourceMarker};
 use lumenav_core::frame::ColumnKind;
 use lumenav_core::pose::interpolate;
 use lumenav_core::time::nanoseconds;
 use lumenav_core::{
-    Column, ColumnSpec, Frame, ModalityError, Name, Node, Observation, Primitive, RandomStreams, Reading, Rows, Schedule,
-    Schema, Sensor, Setup, SimTime, TruthView,
+    Column, ColumnSpec, Frame, ModalityError, Name, Node, Observation, Primitive, RandomStreams, Reading,
+    Rows, Schedule, Schema, Sensor, Setup, SimTime, TruthView,
 };
 use nalgebra::{Isometry3, Vector3};
 use rand::RngExt as _;
@@ -172,7 +172,8 @@ impl Sensor for PetSensor {
         lines.clear();
         self.simulator(random)?.window(&|t_s| path.at(t_s), start_s, length_s, random, sequence, &mut lines);
         self.lines = lines;
-        let lost = self.schedule.loss.0 > 0.0 && random.stream("loss", sequence).random::<f64>() < self.schedule.loss.0;
+        let lost = self.schedule.loss.0 > 0.0
+            && random.stream("loss", sequence).random::<f64>() < self.schedule.loss.0;
         if lost {
             return Ok(None);
         }

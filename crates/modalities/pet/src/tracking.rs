@@ -27,7 +27,6 @@ mod lanes;
 pub mod likelihood;
 mod membership;
 pub mod mixture;
-pub mod block_noise;
 pub mod noise;
 pub mod rigid;
 pub mod thompson;

@@ -3,7 +3,8 @@
 use lumenav_core::laws::{check_model, check_observed_information};
 use lumenav_core::pose::exp_so3;
 use lumenav_core::{
-    Linearization, Measurement, MeasurementModel as _, Name, Node, NominalState, PriorUse, RandomStreams, SimTime,
+    Linearization, Measurement, MeasurementModel as _, Name, Node, NominalState, PriorUse, RandomStreams,
+    SimTime,
 };
 use lumenav_pet::model::LinesModel;
 use lumenav_pet::payload;
@@ -35,7 +36,10 @@ fn lines(markers: usize, background: usize, seed: u64) -> Vec<Line> {
             let marker = pose() * Point3::from(Vector3::from(MARKERS_MM[i % 3]) * 1e-3);
             let along = UnitVector3::new_normalize(normal(1.0).component_mul(&Vector3::new(1.0, 1.0, 0.2)));
             let through = marker.coords + normal(if i < markers { 2e-3 } else { 40e-3 });
-            Line { t_s: 1e-4 * i as f64, ends_world_m: [through - along.scale(0.44), through + along.scale(0.44)] }
+            Line {
+                t_s: 1e-4 * i as f64,
+                ends_world_m: [through - along.scale(0.44), through + along.scale(0.44)],
+            }
         })
         .collect()
 }

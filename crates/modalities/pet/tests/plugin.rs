@@ -6,8 +6,8 @@ use lumenav_core::config::quantity::{Fraction, NonNegative, Positive};
 use lumenav_core::laws::{check_front_end_is_deterministic, check_sensor_is_deterministic, check_units};
 use lumenav_core::pose::{exp_so3, ominus};
 use lumenav_core::{
-    CapsuleBody, CapsuleTruth, FixKind, FrontEnd, Modality as _, ModelFolder, Name, Node, Outcome, PoseEstimate, PosePrior,
-    PriorUse, RandomStreams, Reading, Schedule, Sensor, Setup, SimTime, TruthView,
+    CapsuleBody, CapsuleTruth, FixKind, FrontEnd, Modality as _, ModelFolder, Name, Node, Outcome,
+    PoseEstimate, PosePrior, PriorUse, RandomStreams, Reading, Schedule, Sensor, Setup, SimTime, TruthView,
 };
 use lumenav_pet::{Pet, payload};
 use nalgebra::{Isometry3, Matrix6, Translation3, Vector3};
@@ -149,7 +149,11 @@ fn law_an_ambiguous_triangle_claims_no_roll() {
 fn prior(pose: Isometry3<f64>, at: SimTime) -> PosePrior {
     PosePrior {
         at,
-        pose: PoseEstimate { world_from_capsule: pose, covariance: Matrix6::identity() * 1e-6, kind: FixKind::Full },
+        pose: PoseEstimate {
+            world_from_capsule: pose,
+            covariance: Matrix6::identity() * 1e-6,
+            kind: FixKind::Full,
+        },
         velocity_world_m_s: Some(Vector3::z() * 0.01),
     }
 }
@@ -162,7 +166,10 @@ fn law_the_front_end_insists_where_the_filter_has_two_markers_exchanged() {
     for reading in readings("pet-scalene", "", 40) {
         // Base and apex exchanged, as far as the triangle allows.
         let wrong = pose_at(reading.at())
-            * Isometry3::from_parts(Translation3::new(-9.0e-3, 0.0, 0.0), exp_so3(&Vector3::new(0.0, 0.0, 3.1)));
+            * Isometry3::from_parts(
+                Translation3::new(-9.0e-3, 0.0, 0.0),
+                exp_so3(&Vector3::new(0.0, 0.0, 3.1)),
+            );
         let outcome = front_end.process(&reading, Some(&prior(wrong, reading.at()))).unwrap();
         if let Outcome::Measured(measured) = outcome {
             insisted += usize::from(measured[0].fix.is_some());
@@ -177,7 +184,9 @@ fn law_with_a_prediction_the_lines_are_the_measurement() {
     let mut front_end = front_end("pet-scalene", "front_end = \"lines\"");
     for reading in readings("pet-scalene", "", 25) {
         let here = pose_at(reading.at());
-        let Outcome::Measured(measured) = front_end.process(&reading, Some(&prior(here, reading.at()))).unwrap() else {
+        let Outcome::Measured(measured) =
+            front_end.process(&reading, Some(&prior(here, reading.at()))).unwrap()
+        else {
             panic!("window {} is refused", reading.sequence)
         };
         assert!(measured[0].fix.is_none(), "window {}", reading.sequence);

@@ -72,11 +72,7 @@ pub fn scatter<R: Rng + ?Sized>(energy_ev: f64, random: &mut R) -> (f64, f64) {
 }
 
 /// A direction at an angle from another, turned about it at random.
-pub fn deflected<R: Rng + ?Sized>(
-    direction: &Vector3<f64>,
-    cos_angle: f64,
-    random: &mut R,
-) -> Vector3<f64> {
+pub fn deflected<R: Rng + ?Sized>(direction: &Vector3<f64>, cos_angle: f64, random: &mut R) -> Vector3<f64> {
     let ([x, y], square) = in_disc(random);
     // A point of the disc, drawn out to the circle: a turn without sine and cosine.
     let out = ((1.0 - cos_angle * cos_angle).max(0.0) / square).sqrt();

@@ -4,7 +4,6 @@
 //! millimetres between them). Photons of one decay that leave energy in the same block make one single there. A single is kept where
 //! its crystal is read out (`efficiency`) and its measured energy lies in the window; its time is smeared.
 
-use serde::{Deserialize, Serialize};
 use super::block::{BlockPhysics, Deposit, FWHM_PER_SIGMA, passes_window};
 use super::photon::Photon;
 use super::scintillator::Scintillator;
@@ -12,6 +11,7 @@ use crate::scanner::{CrystalIndex, Scanner};
 use nalgebra::Vector3;
 use rand::{Rng, RngExt as _};
 use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
 
 /// Speed of light, m/s.
 const LIGHT_M_PER_S: f64 = 299_792_458.0;
@@ -133,9 +133,15 @@ impl Detectors {
         let g = &scanner.grid;
         let corners = |block: usize| {
             let (w, l, d) = (g.half_width_m(), g.half_length_m(), g.depth_m);
-            [w, -w].into_iter().flat_map(move |h| {
-                [l, -l].into_iter().flat_map(move |z| [0.0, d].into_iter().map(move |depth| (h, z, depth)))
-            }).map(|(h, z, depth)| (block, h, z, depth)).collect::<Vec<_>>()
+            [w, -w]
+                .into_iter()
+                .flat_map(move |h| {
+                    [l, -l]
+                        .into_iter()
+                        .flat_map(move |z| [0.0, d].into_iter().map(move |depth| (h, z, depth)))
+                })
+                .map(|(h, z, depth)| (block, h, z, depth))
+                .collect::<Vec<_>>()
         };
         let mut axial_m = [f64::INFINITY, f64::NEG_INFINITY];
         let mut free_radius_m = f64::INFINITY;

@@ -86,9 +86,8 @@ impl Response {
             if passes_window(&scanner.detection, deposit.energy_ev, random) {
                 let moved = deposit.place_block_m - entry;
                 let (c, s) = (turn.cos(), turn.sin());
-                cell.places_m.push(
-                    [moved.x * c + moved.y * s, moved.y * c - moved.x * s, moved.z].map(|v| v as f32),
-                );
+                cell.places_m
+                    .push([moved.x * c + moved.y * s, moved.y * c - moved.x * s, moved.z].map(|v| v as f32));
             }
         }
         cell.accepted = cell.places_m.len() as f64 / PHOTONS as f64;
@@ -113,14 +112,15 @@ impl Response {
     }
 
     fn edge_of(&self, entry_m: &Vector3<f64>) -> usize {
-        let distance_m = (self.grid.half_width_m() - entry_m.x.abs())
-            .min(self.grid.half_length_m() - entry_m.y.abs());
+        let distance_m =
+            (self.grid.half_width_m() - entry_m.x.abs()).min(self.grid.half_length_m() - entry_m.y.abs());
         EDGES_M.iter().position(|end_m| distance_m < *end_m).unwrap_or(EDGES_M.len())
     }
 
     /// The cell of a photon that enters at a place (block coordinates).
     fn cell(&self, entry_m: &Vector3<f64>, cosine: f64, energy_ev: f64) -> &Cell {
-        let cosine = ((cosine - LEAST_COSINE) / (1.0 - LEAST_COSINE) * COSINES as f64).clamp(0.0, COSINES as f64 - 1.0);
+        let cosine = ((cosine - LEAST_COSINE) / (1.0 - LEAST_COSINE) * COSINES as f64)
+            .clamp(0.0, COSINES as f64 - 1.0);
         let energy = if energy_ev > ELECTRON_REST_ENERGY_EV * (1.0 - 1e-9) {
             ENERGIES - 1
         } else {

@@ -160,7 +160,8 @@ fn one_error(
         place += Vector3::new(a, b, 0.0) * (fwhm_m / FWHM_PER_SD);
         place.z = 0.5 * g.depth_m;
     } else if end_points == EndPoints::Crystal {
-        let centre = |index: u32, pitch_m: f64, count: u32| pitch_m * (f64::from(index) - 0.5 * f64::from(count - 1));
+        let centre =
+            |index: u32, pitch_m: f64, count: u32| pitch_m * (f64::from(index) - 0.5 * f64::from(count - 1));
         let (column, row) = deposit.crystal;
         place = Vector3::new(
             centre(column, g.tangential_pitch_m, g.columns),
