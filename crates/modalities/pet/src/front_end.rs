@@ -342,12 +342,12 @@ impl FrontEnd for PetFrontEnd {
 
     fn snapshot(&self) -> Vec<u8> {
         let kept = Kept { tracker: self.tracker.memory(), insisting: self.insisting };
-        // A memory of numbers always has a text.
-        serde_json::to_vec(&kept).unwrap_or_default()
+        // TOML reads every number back to the same bits. A memory of numbers always has a text.
+        toml::to_string(&kept).unwrap_or_default().into_bytes()
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), ModalityError> {
-        let kept: Kept = serde_json::from_slice(bytes).map_err(|_| ModalityError::Snapshot)?;
+        let kept: Kept = toml::from_slice(bytes).map_err(|_| ModalityError::Snapshot)?;
         self.tracker.recall(kept.tracker);
         self.insisting = kept.insisting;
         Ok(())
