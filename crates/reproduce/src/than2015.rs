@@ -5,6 +5,8 @@
 //! error and as a failure. Numbers that this project has no record of are not invented: such a row says *not available*.
 
 mod dose;
+pub mod estimators;
+mod few_lines;
 pub mod follow;
 pub mod motion;
 pub mod published;
@@ -23,6 +25,13 @@ pub(crate) const ALL: &[Reproduction] = &[
         about: "lines per window and their true share: five water cylinders, full ring and reduced scanner",
         default_seeds: &[1],
         run: rates::run,
+    },
+    Reproduction {
+        id: "than2015/few-lines",
+        source: "than2015, table 4.3",
+        about: "marker error and failures with 284 to 54 lines per window, reduced scanner; fast motion",
+        default_seeds: &[1, 2, 3],
+        run: few_lines::run,
     },
     Reproduction {
         id: "than2015/dose",

@@ -81,3 +81,19 @@ fn published_dose_bound_is_met() {
     assert_eq!(bound.verdict, Verdict::Reproduced, "{bound:?}");
     assert!(table.seeds.is_empty());
 }
+
+#[test]
+fn published_few_lines_are_followed_by_all_estimators() {
+    let table = quick("than2015/few-lines", &OneAfterAnother);
+    check(&table);
+    assert_eq!(table.estimators(), ["fcm", "mixture", "mixture alone", "rigid"]);
+    let mean = |lines: u32, name: &str| {
+        let wanted = format!("mean marker error at {lines} lines");
+        table.rows.iter().find(|row| row.quantity == wanted).unwrap().ours[name].unwrap()
+    };
+    // Forty windows: the motion prior helps, and helps more where there are fewer lines.
+    assert!(mean(284, "mixture") < 0.6, "{}", mean(284, "mixture"));
+    assert!(mean(54, "mixture") < 1.5, "{}", mean(54, "mixture"));
+    assert!(mean(54, "mixture") < mean(54, "fcm"));
+    assert!(table.settings.iter().any(|(name, _)| name == "motion prior"));
+}

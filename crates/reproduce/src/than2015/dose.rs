@@ -40,7 +40,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     };
     table.set("markers", format!("{} of Na-22, {:.2} MBq together", markers.len(), total_bq * 1e-6));
     table.set("dose rate constant", format!("{} uSv/h per MBq at 1 m", SODIUM_22_SV_M2_PER_H_BQ * 1e12));
-    table.set("tissue", format!("attenuation of water at 511 keV, {:.2} /m, no build-up", attenuation_per_m));
+    table.set("tissue", format!("attenuation of water at 511 keV, {attenuation_per_m:.2} /m, no build-up"));
     table.rows.push(
         Row::new("dose rate constant of Na-22", "uSv m2/(h MBq)", Some(GAMMA_NA22_USV_H_PER_MBQ))
             .ours("formula", SODIUM_22_SV_M2_PER_H_BQ * 1e12)

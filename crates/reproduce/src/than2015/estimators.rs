@@ -1,0 +1,199 @@
+//! The estimators of the tables, under the names that the tables use.
+//!
+//! | `fcm`, `rigid` | chapters 3 and 6, each going on from its own last window |
+//! |---|---|
+//! | `mixture alone` | this project's likelihood, one window at a time, starting from its own last pose: no motion prior |
+//! | `mixture` | the same lines as likelihood in the error-state filter, whose motion model is the prior |
+//!
+//! Line noise is computed from scanner and crystal by `BlockNoise::of_scanner`, not fitted to lines of the runs.
+
+use super::follow::{Alone, Followed, Follower, Window};
+use super::scoring::placed;
+use super::source::Set;
+use crate::ReproduceError;
+use lumenav_core::config::quantity::NonNegative;
+use lumenav_core::time::nanoseconds;
+use lumenav_core::{FrontEnd, MotionModel, Name, Outcome, PublishedEstimate, Reading, SimTime};
+use lumenav_fusion::{Eskf, EskfOptions, Filter, Verdict};
+use lumenav_pet::config::Output;
+use lumenav_pet::front_end::PetFrontEnd;
+use lumenav_pet::model::LinesModel;
+use lumenav_pet::payload;
+use lumenav_pet::tracking::{
+    BlockNoise, Budget, ClassicOptions, Fcm, Likelihood, LineNoise, Mixture, MixtureOptions, Rigid,
+    SourceNoise, Weights, Window as PreparedWindow,
+};
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Name of `fcm`.
+pub const FCM: &str = "fcm";
+/// Name of `rigid`.
+pub const RIGID: &str = "rigid";
+/// Name of the mixture without motion prior.
+pub const ALONE: &str = "mixture alone";
+/// Name of the mixture in the filter.
+pub const FILTERED: &str = "mixture";
+
+/// Share of the background before any window has told: the middle of than2015, table 4.2.
+const EXPECTED_BACKGROUND: f64 = 0.35;
+
+/// How the filter believes that the capsule moves: velocity and angular rate as random walks, forgotten never.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionPrior {
+    /// Random walk of the velocity, (m/s)/√s per axis.
+    pub velocity_walk: f64,
+    /// Random walk of the angular rate, (rad/s)/√s per axis.
+    pub rate_walk: f64,
+}
+
+impl MotionPrior {
+    /// The reference's 30 mm/s² and 1 rad/s² per window of 50 ms (standard deviations, held for a window) as random walks: times
+    /// √(50 ms). Taken as it is, not tuned on any run of this project.
+    pub const SLOW: Self = Self { velocity_walk: 6.7e-3, rate_walk: 0.22 };
+
+    /// In words.
+    pub fn in_words(&self) -> String {
+        format!(
+            "random walk of velocity {} mm/s per root second, of angular rate {} rad/s per root second, in each axis",
+            self.velocity_walk * 1e3,
+            self.rate_walk
+        )
+    }
+
+    fn model(self) -> MotionModel {
+        MotionModel {
+            velocity_random_walk_m_s_per_sqrt_s: NonNegative(self.velocity_walk),
+            velocity_time_constant_s: None,
+            rate_random_walk_rad_s_per_sqrt_s: NonNegative(self.rate_walk),
+            rate_time_constant_s: None,
+        }
+    }
+}
+
+/// What estimators know of a set-up, computed once.
+#[derive(Clone)]
+pub struct Estimators {
+    set: Set,
+    noise: Arc<LineNoise>,
+}
+
+impl Estimators {
+    /// For a set-up: its markers as installed, its scanner's line noise.
+    pub fn new(set: &Set) -> Self {
+        let block = BlockNoise::of_scanner(&set.scanner, &set.scintillator, set.settings.end_points);
+        let noise = Arc::new(LineNoise::new(&set.scanner, &block, &SourceNoise::default()));
+        Self { set: set.clone(), noise }
+    }
+
+    /// `fcm` on at most so many lines, with or without failure prediction.
+    pub fn fcm(&self, budget: Budget, predict_failures: bool) -> Box<dyn Follower> {
+        let options = ClassicOptions { budget, predict_failures, ..ClassicOptions::default() };
+        Box::new(Alone::named(Box::new(Fcm::new(&self.set.markers, options)), FCM))
+    }
+
+    /// `rigid` on at most so many lines.
+    pub fn rigid(&self, budget: Budget) -> Box<dyn Follower> {
+        let options = ClassicOptions { budget, ..ClassicOptions::default() };
+        Box::new(Alone::named(Box::new(Rigid::new(&self.set.markers, options)), RIGID))
+    }
+
+    fn mixture(&self, budget: Budget) -> Mixture {
+        let options = MixtureOptions { budget, ..MixtureOptions::default() };
+        Mixture::new(&self.set.markers, (*self.noise).clone(), options)
+    }
+
+    /// The mixture without motion prior.
+    pub fn alone(&self, budget: Budget) -> Box<dyn Follower> {
+        Box::new(Alone::named(Box::new(self.mixture(budget)), ALONE))
+    }
+
+    /// The lines in the filter.
+    pub fn filtered(&self, budget: Budget, prior: MotionPrior) -> Box<dyn Follower> {
+        let markers = &self.set.markers;
+        let activity = markers.total_activity_bq();
+        let shares = markers.markers.iter().map(|m| m.activity_bq / activity).collect();
+        let model = LinesModel {
+            likelihood: Arc::new(Likelihood::new(markers.positions_capsule_m())),
+            noise: self.noise.clone(),
+            window: Arc::new(PreparedWindow::default()),
+            weights: Weights { shares, background: EXPECTED_BACKGROUND },
+        };
+        let sensor = Name::from("scanner");
+        let tracker = Box::new(self.mixture(budget));
+        let front_end = PetFrontEnd::new(sensor.clone(), markers.clone(), Output::Lines, tracker, model);
+        let options = EskfOptions { motion: prior.model(), ..EskfOptions::default() };
+        Box::new(WithFilter {
+            sensor,
+            front_end,
+            filter: Eskf::new(options, Vec::new()),
+            markers_capsule_m: markers.positions_capsule_m(),
+        })
+    }
+
+    /// All four: `fcm` and `rigid` on at most `classic` lines, the mixtures on all.
+    pub fn all(&self, classic: Budget, prior: MotionPrior) -> Vec<Box<dyn Follower>> {
+        vec![
+            self.fcm(classic, true),
+            self.rigid(classic),
+            self.alone(Budget::All),
+            self.filtered(Budget::All, prior),
+        ]
+    }
+}
+
+/// Lines, front end, filter: what a track of a scenario does.
+struct WithFilter {
+    sensor: Name,
+    front_end: PetFrontEnd,
+    filter: Eskf,
+    markers_capsule_m: Vec<Vector3<f64>>,
+}
+
+impl WithFilter {
+    /// What the filter says about an instant after it was offered what the front end made of a reading.
+    fn answer(&mut self, at: SimTime, outcome: Outcome) -> Option<PublishedEstimate> {
+        let Outcome::Measured(measurements) = outcome else { return self.filter.predicted_estimate(at) };
+        let mut answer = None;
+        for measurement in measurements {
+            let offered = self.filter.offer(measurement);
+            answer = match offered.verdict {
+                Verdict::Accepted(_) | Verdict::Started => self.filter.estimate(),
+                // A refused window is answered with the prediction: it is judged like any other.
+                Verdict::Refused(_) => {
+                    offered.given_up.map(|last| *last).or_else(|| self.filter.predicted_estimate(at))
+                }
+            };
+        }
+        answer
+    }
+}
+
+impl Follower for WithFilter {
+    fn name(&self) -> &str {
+        FILTERED
+    }
+
+    fn follow(&mut self, window: &Window<'_>) -> Result<Option<Followed>, ReproduceError> {
+        let start = SimTime(nanoseconds(window.start_s));
+        let end = SimTime(nanoseconds(window.start_s + window.duration_s));
+        let reading = Reading {
+            sensor: self.sensor.clone(),
+            sequence: window.sequence as u64,
+            interval: (start, end),
+            arrival: end,
+            known_poses: BTreeMap::new(),
+            payload: payload::frame(window.lines).map_err(ReproduceError::of_part(FILTERED))?,
+        };
+        let prior = self.filter.predicted_pose(reading.at());
+        let outcome =
+            self.front_end.process(&reading, prior.as_ref()).map_err(ReproduceError::of_part(FILTERED))?;
+        let Some(estimate) = self.answer(reading.at(), outcome) else { return Ok(None) };
+        let markers: Result<[Vector3<f64>; 3], _> = self.markers_capsule_m.as_slice().try_into();
+        let markers =
+            markers.map_err(|_| ReproduceError::of_part(FILTERED)("three markers were asked for"))?;
+        let markers_world_m = placed(&estimate.pose.world_from_capsule, &markers);
+        Ok(Some(Followed { markers_world_m, shares: Vec::new() }))
+    }
+}
