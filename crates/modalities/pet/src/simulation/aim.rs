@@ -24,7 +24,9 @@ struct Target {
     size_m: [f64; 2],
     /// Upper bound of `D / r³`, 1/m².
     most_per_m2: f64,
-    /// Sum of `A G` up to and with this block.
+    /// Share of photons through here that is drawn at all.
+    drawn: f64,
+    /// Sum of `A G` times that share up to and with this target.
     cumulative: f64,
 }
 
@@ -48,8 +50,16 @@ pub(super) struct Aimed {
 }
 
 impl Aim {
-    /// Targets for a marker's way through a window; `false` where it comes too near to a block's plane.
-    pub fn set(&mut self, physics: &Physics, paths: &MarkerPaths, marker: usize) -> bool {
+    /// Targets for a marker's way through a window; `false` where it comes too near to a block's plane. Each rectangle is cut into
+    /// `tiles x tiles`; `drawn` tells for the corners of a tile (world, m) the share of photons that is drawn there.
+    pub fn set(
+        &mut self,
+        physics: &Physics,
+        paths: &MarkerPaths,
+        marker: usize,
+        tiles: usize,
+        drawn: impl Fn(&[Vector3<f64>; 4]) -> f64,
+    ) -> bool {
         self.reach_m = physics.markers[marker].reach_m();
         self.targets.clear();
         let scanner = physics.detectors.scanner();
@@ -77,14 +87,17 @@ impl Aim {
             };
             let (h, z) = (side(0, g.half_width_m()), side(1, g.half_length_m()));
             let most_per_m2 = 1.0 / (nearest_m * nearest_m);
-            cumulative += h.1 * z.1 * most_per_m2;
-            self.targets.push(Target {
-                block,
-                lower_m: [h.0, z.0],
-                size_m: [h.1, z.1],
-                most_per_m2,
-                cumulative,
-            });
+            let size_m = [h.1 / tiles as f64, z.1 / tiles as f64];
+            for tile in 0..tiles * tiles {
+                let lower_m =
+                    [h.0 + size_m[0] * (tile % tiles) as f64, z.0 + size_m[1] * (tile / tiles) as f64];
+                let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(i, k)| {
+                    scanner.in_block(block, lower_m[0] + i * size_m[0], lower_m[1] + k * size_m[1], 0.0)
+                });
+                let drawn = drawn(&corners);
+                cumulative += size_m[0] * size_m[1] * most_per_m2 * drawn;
+                self.targets.push(Target { block, lower_m, size_m, most_per_m2, drawn, cumulative });
+            }
         }
         true
     }
@@ -92,6 +105,11 @@ impl Aim {
     /// Rays to draw per photon, `Σ A G / 4π`.
     pub fn draws_per_photon(&self) -> f64 {
         self.targets.last().map_or(0.0, |t| t.cumulative) / (4.0 * std::f64::consts::PI)
+    }
+
+    /// Rays of a tile's share: what is kept of a ray with some probability is kept with that over this.
+    pub fn drawn(&self, aimed: &Aimed) -> f64 {
+        self.targets[aimed.target].drawn
     }
 
     /// Draws a block and a point.
@@ -119,8 +137,7 @@ impl Aim {
     }
 
     /// Keeps a ray or drops it; its direction.
-    pub fn keep(&self, aimed: &Aimed, physics: &Physics, from_m: &Vector3<f64>) -> Option<Vector3<f64>> {
-        debug_assert!(aimed.target < self.targets.len());
+    pub fn keep(aimed: &Aimed, physics: &Physics, from_m: &Vector3<f64>) -> Option<Vector3<f64>> {
         let way = aimed.point_m - from_m;
         let distance_m = way.dot(&physics.detectors.scanner().blocks[aimed.block].outward);
         let square = way.norm_squared();

@@ -91,14 +91,14 @@ impl Forced {
         out: &mut Vec<LabelledLine>,
     ) -> bool {
         for marker in 0..physics.markers.len() {
-            if !self.aim.set(physics, paths, marker) {
+            if !self.aim.set(physics, paths, marker, 1, |_| 1.0) {
                 return false;
             }
         }
         self.number = 0;
         self.sample(physics, paths, window, SAMPLED_DECAYS, random);
         for marker in 0..physics.markers.len() {
-            self.aim.set(physics, paths, marker);
+            self.aim.set(physics, paths, marker, 1, |_| 1.0);
             let photons = 2.0
                 * physics.decay_rate_hz(marker, window.start_s)
                 * window.duration_s
@@ -116,7 +116,7 @@ impl Forced {
 
     /// Aims at the blocks for a marker's way; `false` where it is too near to one.
     pub fn set_aim(&mut self, physics: &Physics, paths: &MarkerPaths, marker: usize) -> bool {
-        self.aim.set(physics, paths, marker)
+        self.aim.set(physics, paths, marker, 1, |_| 1.0)
     }
 
     /// Follows whole decays, a share of each marker as its activity.
@@ -194,7 +194,7 @@ impl Forced {
                 continue;
             }
             let from_m = place_m + physics.markers[marker].annihilation_offset_m(random);
-            let Some(direction) = self.aim.keep(&aimed, physics, &from_m) else { continue };
+            let Some(direction) = Aim::keep(&aimed, physics, &from_m) else { continue };
             if random.random::<f64>() >= physics.body.transmission_511(&from_m, &direction) {
                 continue;
             }

@@ -24,6 +24,9 @@ const EDGES_M: [f64; 2] = [3e-3, 9e-3];
 /// Photons per cell: the acceptance is known within 1 % of itself.
 const PHOTONS: usize = 5000;
 
+/// Places kept per cell: enough to look random, few enough to stay in the cache.
+const PLACES: usize = 800;
+
 /// One cell.
 #[derive(Clone, Debug, Default)]
 struct Cell {
@@ -68,7 +71,7 @@ impl Response {
     ) -> Cell {
         let (energy, rest) = (index % ENERGIES, index / ENERGIES);
         let (cosine, edge) = (rest % COSINES, rest / COSINES);
-        let mut cell = Cell::default();
+        let (mut cell, mut accepted) = (Cell::default(), 0);
         for _ in 0..PHOTONS {
             let energy_ev = if energy == ENERGIES - 1 {
                 ELECTRON_REST_ENERGY_EV
@@ -84,13 +87,17 @@ impl Response {
             let mut photon = Photon::emitted(entry - direction * 1e-6, direction, energy_ev);
             let Some(deposit) = physics.respond(&mut photon, random) else { continue };
             if passes_window(&scanner.detection, deposit.energy_ev, random) {
+                accepted += 1;
+                if cell.places_m.len() == PLACES {
+                    continue;
+                }
                 let moved = deposit.place_block_m - entry;
                 let (c, s) = (turn.cos(), turn.sin());
                 cell.places_m
                     .push([moved.x * c + moved.y * s, moved.y * c - moved.x * s, moved.z].map(|v| v as f32));
             }
         }
-        cell.accepted = cell.places_m.len() as f64 / PHOTONS as f64;
+        cell.accepted = f64::from(accepted) / PHOTONS as f64;
         cell
     }
 
