@@ -1,6 +1,6 @@
 //! Lines per window and true fractions of than2015, table 4.2, from this crate's physics.
 //!
-//! `cargo run --release -p lumenav-pet --example table_4_2 -- [windows] [mode] [efficiency]`
+//! `cargo run --release -p lumenav-pet --example table_4_2 -- [windows] [mode] [efficiency] [scanner] [diameter in cm]`
 
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::{Node, RandomStreams};
@@ -44,6 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         _ => Mode::Forced,
     };
     let efficiency: f64 = arguments.next().map_or(Ok(1.0), |a| a.parse())?;
+    let (only_scanner, only_cm) = (arguments.next(), arguments.next());
     let isotope = Isotope::from_node(&open("isotopes", "na-22")?)?;
     let markers: Vec<SourceMarker> = [[-12e-3, 0.0, 0.0], [0.0, 5e-3, 0.0], [0.0, -5e-3, 0.0]]
         .map(|p| SourceMarker {
@@ -58,6 +59,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("scanner  cm   lines  than  ratio | true%  no-prompt%  than | scatter1 scatter2 prompt random % | ms/window");
     for (scanner_name, column) in [("allegro", 0), ("reduced", 2)] {
         for (diameter_cm, row) in TABLE {
+            if only_scanner.as_ref().is_some_and(|s| s != scanner_name)
+                || only_cm.as_ref().is_some_and(|d| *d != diameter_cm.to_string())
+            {
+                continue;
+            }
             let mut scanner = Scanner::from_node(&open("scanners", scanner_name)?)?;
             scanner.detection.efficiency = efficiency;
             let crystal = Scintillator::from_node(&open("scintillators", "gso")?)?;

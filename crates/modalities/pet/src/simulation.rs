@@ -12,15 +12,19 @@
 //! Neglected: attenuation in the capsule itself (2 mm of plastic), coherent scattering, pair production of prompt gammas, pile-up of
 //! different decays in a block, decays just before the window.
 
+mod aim;
 mod analog;
 pub mod block;
 pub mod coincidence;
 pub mod compton;
 pub mod detectors;
+mod forced;
 pub mod isotope;
 pub mod photon;
+mod response;
 pub mod scintillator;
 pub mod source;
+mod tabulated;
 
 pub use block::{BlockPhysics, Deposit};
 pub use coincidence::{Label, LabelledLine, Origin};
@@ -32,12 +36,14 @@ pub use source::{Shell, SourceMarker};
 
 use crate::scanner::Scanner;
 use detectors::{Hits, Single};
+use forced::{Forced, Window};
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::{RandomStream, RandomStreams};
 use nalgebra::Isometry3;
 use rand::RngExt as _;
 use rand_distr::Poisson;
 use source::MarkerPaths;
+use tabulated::Tabulated;
 
 /// How lines are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -98,6 +104,8 @@ pub struct Simulator {
     hits: Hits,
     singles: Vec<Single>,
     free_at_s: Vec<f64>,
+    forced: Forced,
+    tabulated: Option<Tabulated>,
 }
 
 impl Simulator {
@@ -116,6 +124,7 @@ impl Simulator {
         let acollinearity_sigma_rad = settings.acollinearity_fwhm_deg.to_radians() / block::FWHM_PER_SIGMA;
         let physics =
             Physics { detectors, body, markers, positrons_per_decay, acollinearity_sigma_rad, decay_scale };
+        let tabulated = (settings.mode == Mode::Tabulated).then(|| Tabulated::new(&physics));
         Self {
             physics,
             mode: settings.mode,
@@ -123,6 +132,8 @@ impl Simulator {
             hits: Hits::new(),
             singles: Vec::new(),
             free_at_s: Vec::new(),
+            forced: Forced::default(),
+            tabulated,
         }
     }
 
@@ -141,7 +152,20 @@ impl Simulator {
         out.clear();
         self.paths.follow(&self.physics.markers, motion, start_s, duration_s);
         let mut random = random.stream("decays", sequence);
-        self.analog(start_s, duration_s, &mut random, out);
+        let window = Window { start_s, duration_s };
+        let (physics, paths) = (&self.physics, &self.paths);
+        let made = match &mut self.tabulated {
+            Some(tables) => tables.window(physics, paths, window, &mut random, out),
+            None if self.mode == Mode::Analog => false,
+            None => self.forced.window(physics, paths, window, &mut random, out),
+        };
+        if made {
+            out.sort_unstable_by(|a, b| {
+                a.line.t_s.total_cmp(&b.line.t_s).then(a.crystals.cmp(&b.crystals))
+            });
+        } else {
+            self.analog(start_s, duration_s, &mut random, out);
+        }
     }
 
     fn analog(

@@ -77,10 +77,11 @@ pub fn deflected<R: Rng + ?Sized>(
     cos_angle: f64,
     random: &mut R,
 ) -> Vector3<f64> {
-    let sin = (1.0 - cos_angle * cos_angle).max(0.0).sqrt();
-    let (sin_turn, cos_turn) = (std::f64::consts::TAU * random.random::<f64>()).sin_cos();
+    let ([x, y], square) = in_disc(random);
+    // A point of the disc, drawn out to the circle: a turn without sine and cosine.
+    let out = ((1.0 - cos_angle * cos_angle).max(0.0) / square).sqrt();
     let [first, second] = across(direction);
-    let turned = direction * cos_angle + (first * cos_turn + second * sin_turn) * sin;
+    let turned = direction * cos_angle + (first * x + second * y) * out;
     // Rounding would otherwise grow over many scatterings.
     turned * (1.5 - 0.5 * turned.norm_squared())
 }
@@ -96,12 +97,32 @@ pub fn across(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
     ]
 }
 
-/// A direction at random, all alike.
+/// A point drawn evenly in the unit disc, never its centre, and its squared radius.
+fn in_disc<R: Rng + ?Sized>(random: &mut R) -> ([f64; 2], f64) {
+    loop {
+        let (x, y) = (2.0 * random.random::<f64>() - 1.0, 2.0 * random.random::<f64>() - 1.0);
+        let square = x * x + y * y;
+        if square < 1.0 && square > 0.0 {
+            return ([x, y], square);
+        }
+    }
+}
+
+/// A direction at random, all alike (Marsaglia 1972).
 pub fn isotropic<R: Rng + ?Sized>(random: &mut R) -> Vector3<f64> {
-    let z = 2.0 * random.random::<f64>() - 1.0;
-    let (sin_turn, cos_turn) = (std::f64::consts::TAU * random.random::<f64>()).sin_cos();
-    let radius = (1.0 - z * z).sqrt();
-    Vector3::new(radius * cos_turn, radius * sin_turn, z)
+    let ([x, y], square) = in_disc(random);
+    let out = 2.0 * (1.0 - square).sqrt();
+    Vector3::new(x * out, y * out, 1.0 - 2.0 * square)
+}
+
+/// A point drawn evenly in the unit ball.
+pub fn in_ball<R: Rng + ?Sized>(random: &mut R) -> Vector3<f64> {
+    loop {
+        let point = Vector3::from_fn(|_, _| 2.0 * random.random::<f64>() - 1.0);
+        if point.norm_squared() <= 1.0 {
+            return point;
+        }
+    }
 }
 
 #[cfg(test)]

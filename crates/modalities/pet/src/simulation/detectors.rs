@@ -202,7 +202,7 @@ impl Detectors {
     }
 
     /// A photon in a block's coordinates.
-    fn to_block(&self, block: usize, photon: &Photon) -> Photon {
+    pub fn to_block(&self, block: usize, photon: &Photon) -> Photon {
         let frame = &self.scanner.blocks[block];
         let d = &photon.direction;
         Photon {
@@ -226,6 +226,21 @@ impl Detectors {
     /// Follows a photon (world) through all blocks that it meets.
     pub fn detect<R: Rng + ?Sized>(
         &self,
+        photon: Photon,
+        kind: Kind,
+        scatterings: u32,
+        random: &mut R,
+        hits: &mut Hits,
+    ) {
+        if let Some((block, _)) = self.first_block(&photon, &[]) {
+            self.detect_from(block, photon, kind, scatterings, random, hits);
+        }
+    }
+
+    /// As [`Self::detect`], where the block that it enters first is known.
+    pub fn detect_from<R: Rng + ?Sized>(
+        &self,
+        mut block: usize,
         mut photon: Photon,
         kind: Kind,
         scatterings: u32,
@@ -235,7 +250,6 @@ impl Detectors {
         // A way through more than four blocks needs a scanner that is no scanner.
         let mut passed = [usize::MAX; 4];
         for count in 0..passed.len() {
-            let Some((block, _)) = self.first_block(&photon, &passed[..count]) else { return };
             let mut local = self.to_block(block, &photon);
             if let Some(deposit) = self.physics.respond(&mut local, random) {
                 hits.add(Hit { block, deposit, kind, scatterings });
@@ -245,6 +259,10 @@ impl Detectors {
                 photon = self.to_world(block, &local);
             }
             passed[count] = block;
+            match self.first_block(&photon, &passed[..=count]) {
+                Some((next, _)) => block = next,
+                None => return,
+            }
         }
     }
 
@@ -262,6 +280,19 @@ impl Detectors {
         if hit.deposit.energy_ev < self.kill_ev || !passes_window(detection, hit.deposit.energy_ev, random) {
             return None;
         }
+        self.read_out_accepted(hit, after_s, decay, marker, random)
+    }
+
+    /// Reads out a hit that passed the energy window.
+    pub fn read_out_accepted<R: Rng + ?Sized>(
+        &self,
+        hit: &Hit,
+        after_s: f64,
+        decay: u32,
+        marker: u8,
+        random: &mut R,
+    ) -> Option<Single> {
+        let detection = &self.scanner.detection;
         if self.read_out < 1.0 && random.random::<f64>() >= self.read_out {
             return None;
         }

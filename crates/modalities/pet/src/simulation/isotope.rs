@@ -7,6 +7,7 @@
 use lumenav_core::config::quantity::{NonNegative, Positive};
 use lumenav_core::{ConfigError, Node};
 use rand::{Rng, RngExt as _};
+use rand_distr::Exp1;
 use serde::{Deserialize, Serialize};
 
 /// `[isotope]`.
@@ -153,9 +154,9 @@ impl Isotope {
             }
             left -= candidate.per_decay;
         }
-        // Shape 2: the sum of two exponential draws. `1 - u` is never zero.
-        let product = (1.0 - random.random::<f64>()) * (1.0 - random.random::<f64>());
-        (-0.5 * branch.mean_range_m * product.ln()).min(self.largest_range_m())
+        // Shape 2: the sum of two exponential draws.
+        let (a, b): (f64, f64) = (random.sample(Exp1), random.sample(Exp1));
+        (0.5 * branch.mean_range_m * (a + b)).min(self.largest_range_m())
     }
 }
 

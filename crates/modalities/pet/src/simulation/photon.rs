@@ -8,6 +8,7 @@ use super::compton::{ELECTRON_REST_ENERGY_EV, deflected, klein_nishina_m2, scatt
 use lumenav_anatomy::phantom::Phantom;
 use nalgebra::Vector3;
 use rand::{Rng, RngExt as _};
+use rand_distr::Exp1;
 
 /// A photon on its way. Frame: world, or a block's, as whoever holds it says.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +47,7 @@ impl Photon {
 
 /// An exponential draw of mean 1.
 pub fn free_path<R: Rng + ?Sized>(random: &mut R) -> f64 {
-    -(1.0 - random.random::<f64>()).ln()
+    random.sample(Exp1)
 }
 
 /// Step of the table of cross sections, eV: straight lines in it are within 1e-4 above 100 keV.
@@ -96,6 +97,17 @@ impl Body {
 
     /// Follows a photon until it leaves the body for good: how often it scattered, or `None` where its energy fell too low.
     pub fn leave<R: Rng + ?Sized>(&self, photon: &mut Photon, random: &mut R) -> Option<u32> {
+        let chord_m = self.phantom.as_ref().and_then(|p| p.chord_m(&photon.place_m, &photon.direction));
+        self.leave_along(photon, chord_m, random)
+    }
+
+    /// As [`Self::leave`], where the first way through the body is known ([`Phantom::chord_m`]).
+    pub fn leave_along<R: Rng + ?Sized>(
+        &self,
+        photon: &mut Photon,
+        mut chord_m: Option<(f64, f64)>,
+        random: &mut R,
+    ) -> Option<u32> {
         let Some(phantom) = &self.phantom else { return Some(0) };
         let uniform_per_m = phantom.uniform_attenuation_511_per_m();
         let largest_per_m = uniform_per_m.unwrap_or_else(|| phantom.largest_attenuation_511_per_m());
@@ -103,13 +115,7 @@ impl Body {
         if largest_per_m <= 0.0 {
             return Some(0);
         }
-        loop {
-            let Some((near_m, far_m)) = phantom.chord_m(&photon.place_m, &photon.direction) else {
-                return Some(scatterings);
-            };
-            if far_m <= 0.0 {
-                return Some(scatterings);
-            }
+        while let Some((near_m, far_m)) = chord_m.filter(|(_, far_m)| *far_m > 0.0) {
             let step_m =
                 near_m.max(0.0) + free_path(random) / (largest_per_m * self.ratio.at(photon.energy_ev));
             if step_m >= far_m {
@@ -119,14 +125,38 @@ impl Body {
             if uniform_per_m.is_none() {
                 let here_per_m = phantom.attenuation_511_per_m(&photon.place_m);
                 if random.random::<f64>() * largest_per_m >= here_per_m {
+                    chord_m = Some((0.0, far_m - step_m));
                     continue;
                 }
             }
-            photon.scatter(random);
+            let (share, cos_angle) = scatter(photon.energy_ev, random);
+            photon.energy_ev *= share;
             if photon.energy_ev < self.kill_ev {
                 return None;
             }
+            photon.direction = deflected(&photon.direction, cos_angle, random);
             scatterings += 1;
+            chord_m = phantom.chord_m(&photon.place_m, &photon.direction);
+        }
+        Some(scatterings)
+    }
+
+    /// Way of a ray through the body ([`Phantom::chord_m`]).
+    pub fn chord_m(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
+        self.phantom.as_ref().and_then(|p| p.chord_m(from_m, direction))
+    }
+
+    /// As [`Self::transmission_511`], where the way through the body is known.
+    pub fn transmission_511_along(
+        &self,
+        from_m: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        chord_m: Option<(f64, f64)>,
+    ) -> f64 {
+        let (Some(phantom), Some((near_m, far_m))) = (&self.phantom, chord_m) else { return 1.0 };
+        match phantom.uniform_attenuation_511_per_m() {
+            Some(per_m) => (-per_m * (far_m.max(0.0) - near_m.max(0.0))).exp(),
+            None => (-phantom.optical_depth_511(from_m, direction)).exp(),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Markers as sources: where and when they decay, and what a decay emits.
 
-use super::compton::{ELECTRON_REST_ENERGY_EV, across, isotropic};
+use super::compton::{ELECTRON_REST_ENERGY_EV, across, in_ball, isotropic};
 use super::isotope::Isotope;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand::{Rng, RngExt as _};
@@ -57,7 +57,7 @@ impl SourceMarker {
 
     /// Draws where a decay happens, from the marker's place, m.
     pub fn core_offset_m<R: Rng + ?Sized>(&self, random: &mut R) -> Vector3<f64> {
-        isotropic(random) * (0.5 * self.core_diameter_m * random.random::<f64>().cbrt())
+        in_ball(random) * (0.5 * self.core_diameter_m)
     }
 }
 
@@ -93,6 +93,14 @@ impl MarkerPaths {
                 self.places_m.push(place_m.coords);
             }
         }
+    }
+
+    /// One marker at rest for a second.
+    pub fn rest(&mut self, place_m: &Vector3<f64>) {
+        self.markers = 1;
+        self.duration_s = 1.0;
+        self.places_m.clear();
+        self.places_m.resize(PIECES + 1, *place_m);
     }
 
     /// Where a marker is, world, m; `after_s` from the window's start.
