@@ -18,6 +18,15 @@ use support::{
 
 const ROWS: [(f64, f64); 5] = [(284.0, 0.819), (183.0, 0.759), (120.0, 0.702), (80.0, 0.642), (54.0, 0.592)];
 
+fn law() -> BlockNoise {
+    let mut law = BlockNoise::reference();
+    if let Some(scale) = std::env::var("SCALE").ok().and_then(|v| v.parse::<f64>().ok()) {
+        law.core_m2 = law.core_m2.map(|v| v * scale * scale);
+        law.tail_m2 = law.core_m2;
+    }
+    law
+}
+
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let windows: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(720);
@@ -26,7 +35,7 @@ fn main() {
     let speed: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1.0);
     let acceleration: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(0.03);
     let (set, scanner) = (triangle(), scanner("reduced"));
-    let noise = if physics { noise_of(&scanner) } else { noise_of_law(&scanner, &BlockNoise::reference()) };
+    let noise = if physics { noise_of(&scanner) } else { noise_of_law(&scanner, &law()) };
     if physics {
         let block = BlockNoise::of_block(
             &scanner,
@@ -40,8 +49,9 @@ fn main() {
         if physics { "physics" } else { "law" }
     );
     for (lines, share) in ROWS {
+        let share = if std::env::var_os("CLEAN").is_some() { 0.999 } else { share };
         for seed in 1..=seeds {
-            let ends = if physics { Ends::physics(&scanner) } else { Ends::Law(BlockNoise::reference()) };
+            let ends = if physics { Ends::physics(&scanner) } else { Ends::Law(law()) };
             let mut generator = Generator::new(scanner.clone(), ends, set.clone(), seed);
             let motion = |t: f64| helix(t, speed);
             let all: Vec<Vec<lumenav_pet::Line>> = (0..windows)
@@ -64,11 +74,15 @@ fn main() {
                 let clock = std::time::Instant::now();
                 for (w, window) in all.iter().enumerate() {
                     let truth = motion((w as f64 + 0.5) * WINDOW_S);
+<<<<<<< HEAD
                     let answer = if moving {
                         filter.step(tracker.as_mut(), window, WINDOW_S)
                     } else {
                         tracker.track(window, None)
                     };
+=======
+                    let answer = if moving { filter.step(tracker.as_mut(), window, WINDOW_S) } else if std::env::var_os("TRUTH").is_some() { tracker.track(window, Some(&lumenav_pet::tracking::Prior { world_from_capsule: truth, covariance: nalgebra::Matrix6::identity(), velocity_world_m_s: nalgebra::Vector3::zeros(), how: lumenav_core::PriorUse::StartOnly })) } else { tracker.track(window, None) };
+>>>>>>> help-d
                     match answer {
                         Ok(t) => {
                             let (mean, worst) = marker_errors(&t.markers_world_m, &truth, &set);

@@ -25,6 +25,8 @@ pub(crate) struct Body {
     pub(crate) centroid_m: Vector3<f64>,
     /// Markers from that centroid, m.
     pub(crate) arms_m: Vec<Vector3<f64>>,
+    /// Lines within this of the centroid may come from a marker, m: see [`super::centroid`].
+    pub(crate) spared_m: f64,
     /// Turns about the (plain) centroid that the lines cannot see.
     symmetries: Vec<Rotation3<f64>>,
     /// Turns that bring each marker near to another's place, other than symmetries.
@@ -60,6 +62,8 @@ impl Body {
         let least = (distances_m[0] - DISTANCE_SLACK_M).max(0.3 * distances_m[0]);
         Self {
             arms_m: markers_m.iter().map(|m| m - centroid_m).collect(),
+            spared_m: markers_m.iter().map(|m| (m - centroid_m).norm()).fold(0.0, f64::max)
+                + super::membership::REACH_M,
             markers_m,
             shares,
             centroid_m,

@@ -47,6 +47,8 @@ const FEWEST_KEPT: usize = 6;
 pub struct ClassicOptions {
     /// Weight of lines in the centroid.
     pub weight: Weight,
+    /// Never throw a line out that the marker set can explain ([`super::centroid`]); `false`: Thompson's test as printed.
+    pub spare_body: bool,
     /// Lines looked at.
     pub budget: Budget,
     /// Predict failures and search anew (section 3.4.4).
@@ -59,6 +61,7 @@ impl Default for ClassicOptions {
     fn default() -> Self {
         Self {
             weight: Weight::Uniform,
+            spare_body: true,
             budget: Budget::TruePerMarker(TRUE_LINES_PER_MARKER),
             predict_failures: true,
             limits: Limits::default(),
@@ -115,7 +118,8 @@ impl Classic {
         let velocity_world_m_s = Vector3::zeros();
         let how = Preparation { about_world_m, velocity_world_m_s, at_s: 0.0, budget };
         self.window.load(lines, &how, FEWEST_KEPT)?;
-        let centre = self.centroid.find(&self.window, self.options.weight)?;
+        let spared_m = if self.options.spare_body { self.body.spared_m } else { 0.0 };
+        let centre = self.centroid.find(&self.window, self.options.weight, spared_m)?;
         let kept = self.centroid.kept().len();
         if kept < FEWEST_KEPT {
             return Err(Failure::TooFewLines { given: lines.len(), usable: kept, needed: FEWEST_KEPT });

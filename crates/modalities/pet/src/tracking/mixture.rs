@@ -146,7 +146,7 @@ impl Mixture {
         let about = near.or(self.memory.centroid_world_m).unwrap_or_default();
         let how = Preparation { budget: self.budget(), ..Preparation::about(about) };
         self.window.load(lines, &how, self.needed())?;
-        let centre = self.centroid.find(&self.window, Weight::Uniform)?;
+        let centre = self.centroid.find(&self.window, Weight::Uniform, self.body.spared_m)?;
         self.window.move_origin(&(about + centre));
         self.window.shape(&self.noise);
         self.memory.centroid_world_m = Some(self.window.origin_world_m);

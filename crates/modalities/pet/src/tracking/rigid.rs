@@ -2,7 +2,8 @@
 //!
 //! For fixed memberships the cost is `Σ_j M_jᵀ A_j M_j - 2 V_j·M_j + …` with sums that are made once per pass; its minimum over
 //! `M_j = p + R a_j` is found by Gauss-Newton in all six (p is linear in R, so it comes with it). Memberships and pose take turns until
-//! no marker moves by more than 0.01 mm.
+//! no marker moves by more than 0.01 mm. The shares f_k stay at the markers' activities, which are known; the answer's shares are
+//! those of the memberships.
 
 use super::classic::{Classic, ClassicOptions, MAX_PASSES, REST_M};
 use super::failure::Failure;
@@ -28,7 +29,6 @@ impl Rigid {
         for _ in 0..MAX_PASSES {
             c.place(&pose);
             c.memberships(None);
-            c.update_shares();
             let before = pose;
             if !c.rigid_step(&mut pose) {
                 return Err(Failure::Indefinite);
@@ -41,6 +41,8 @@ impl Rigid {
             }
         }
         c.place(&pose);
+        c.memberships(None);
+        c.update_shares();
         c.finish(&pose, prior, why, out)
     }
 }
