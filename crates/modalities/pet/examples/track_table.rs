@@ -74,15 +74,21 @@ fn main() {
                 let clock = std::time::Instant::now();
                 for (w, window) in all.iter().enumerate() {
                     let truth = motion((w as f64 + 0.5) * WINDOW_S);
-<<<<<<< HEAD
                     let answer = if moving {
                         filter.step(tracker.as_mut(), window, WINDOW_S)
+                    } else if std::env::var_os("TRUTH").is_some() {
+                        tracker.track(
+                            window,
+                            Some(&lumenav_pet::tracking::Prior {
+                                world_from_capsule: truth,
+                                covariance: nalgebra::Matrix6::identity(),
+                                velocity_world_m_s: nalgebra::Vector3::zeros(),
+                                how: lumenav_core::PriorUse::StartOnly,
+                            }),
+                        )
                     } else {
                         tracker.track(window, None)
                     };
-=======
-                    let answer = if moving { filter.step(tracker.as_mut(), window, WINDOW_S) } else if std::env::var_os("TRUTH").is_some() { tracker.track(window, Some(&lumenav_pet::tracking::Prior { world_from_capsule: truth, covariance: nalgebra::Matrix6::identity(), velocity_world_m_s: nalgebra::Vector3::zeros(), how: lumenav_core::PriorUse::StartOnly })) } else { tracker.track(window, None) };
->>>>>>> help-d
                     match answer {
                         Ok(t) => {
                             let (mean, worst) = marker_errors(&t.markers_world_m, &truth, &set);
