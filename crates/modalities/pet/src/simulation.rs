@@ -12,6 +12,7 @@
 //! Neglected: attenuation in the capsule itself (2 mm of plastic), coherent scattering, pair production of prompt gammas, pile-up of
 //! different decays in a block, decays just before the window.
 
+pub mod agreement;
 mod aim;
 mod analog;
 pub mod block;
@@ -42,13 +43,11 @@ use lumenav_core::{RandomStream, RandomStreams};
 use nalgebra::Isometry3;
 use rand::RngExt as _;
 use rand_distr::Poisson;
-use serde::{Deserialize, Serialize};
 use source::MarkerPaths;
 use tabulated::Tabulated;
 
 /// How lines are made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Mode {
     /// Every decay is followed.
     Analog,
@@ -191,3 +190,6 @@ fn poisson(mean: f64, random: &mut RandomStream) -> u64 {
     // An error means a mean that is not positive or not finite: nothing is there to decay.
     Poisson::new(mean).map_or(0, |distribution| random.sample(distribution) as u64)
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,7 +11,6 @@ use crate::scanner::{CrystalIndex, Scanner};
 use nalgebra::Vector3;
 use rand::{Rng, RngExt as _};
 use rand_distr::StandardNormal;
-use serde::{Deserialize, Serialize};
 
 /// Speed of light, m/s.
 const LIGHT_M_PER_S: f64 = 299_792_458.0;
@@ -101,8 +100,7 @@ pub struct Single {
 }
 
 /// What the scanner reports as the place of a photon.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum EndPoints {
     /// The centre of the crystal.
     #[default]

@@ -35,6 +35,14 @@ impl Photon {
         self.path_m += by_m;
     }
 
+    /// In a block's coordinates: moved along its way to the plane of the face, where it flies into the block.
+    pub fn on_face(mut self) -> Self {
+        if self.direction.z > 0.0 {
+            self.advance(-self.place_m.z / self.direction.z);
+        }
+        self
+    }
+
     /// Scatters on a free electron; the energy that is left behind, eV.
     pub fn scatter<R: Rng + ?Sized>(&mut self, random: &mut R) -> f64 {
         let (share, cos_angle) = scatter(self.energy_ev, random);

@@ -169,16 +169,26 @@ impl Tabulated {
             let Some(scatterings) = physics.body.leave_along(&mut second, backwards_m, random) else {
                 continue;
             };
+            let Some((other_block, near_m)) = detectors.first_block(&second, &[]) else { continue };
+            second.advance(near_m);
+            let mut first = Photon::emitted(place_m, direction, ANNIHILATION_EV);
+            let Some((block, near_m)) = detectors.first_block(&first, &[]) else { continue };
+            if block != aimed.block || !detectors.scanner().can_coincide(block, other_block) {
+                continue;
+            }
+            first.advance(near_m);
+            // Blocks are found from the marker's place, entries from the annihilation's.
             let offset_m = physics.markers[marker].annihilation_offset_m(random);
-            second.place_m += offset_m;
-            let Some((other_block, b_m)) = self.placed(physics, second, None, 1.0, random) else { continue };
-            let first = Photon::emitted(place_m + offset_m, direction, ANNIHILATION_EV);
-            let Some((block, a_m)) = self.placed(physics, first, Some(aimed.block), most, random) else {
+            let mut placed = |block: usize, mut photon: Photon, given: f64| {
+                photon.place_m += offset_m;
+                let local = detectors.to_block(block, &photon).on_face();
+                self.response.draw(&local, given, random)
+            };
+            let (Some(b_m), Some(a_m)) = (placed(other_block, second, 1.0), placed(block, first, most))
+            else {
                 continue;
             };
-            if !detectors.scanner().can_coincide(block, other_block)
-                || (scatterings == 0 && random.random::<bool>())
-            {
+            if scatterings == 0 && random.random::<bool>() {
                 continue;
             }
             let single = |block: usize,
@@ -192,26 +202,10 @@ impl Tabulated {
             else {
                 continue;
             };
-            out.push(LabelledLine::of(&a, &b, window.start_s, window.duration_s));
+            if (a.after_s - b.after_s).abs() < detectors.scanner().detection.coincidence_window_s {
+                out.push(LabelledLine::of(&a, &b, window.start_s, window.duration_s));
+            }
         }
-    }
-
-    /// Block and place where a photon is placed, block coordinates, m.
-    fn placed(
-        &self,
-        physics: &Physics,
-        mut photon: Photon,
-        wanted: Option<usize>,
-        given: f64,
-        random: &mut RandomStream,
-    ) -> Option<(usize, Vector3<f64>)> {
-        let (block, near_m) = physics.detectors.first_block(&photon, &[])?;
-        if wanted.is_some_and(|wanted| wanted != block) {
-            return None;
-        }
-        photon.advance(near_m);
-        let local = physics.detectors.to_block(block, &photon);
-        Some((block, self.response.draw(&local, given, random)?))
     }
 
     /// A photon that passed the energy window, read out.
