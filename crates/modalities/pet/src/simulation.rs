@@ -43,11 +43,13 @@ use lumenav_core::{RandomStream, RandomStreams};
 use nalgebra::Isometry3;
 use rand::RngExt as _;
 use rand_distr::Poisson;
+use serde::{Deserialize, Serialize};
 use source::MarkerPaths;
 use tabulated::Tabulated;
 
 /// How lines are made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// Every decay is followed.
     Analog,

@@ -11,6 +11,7 @@ use crate::scanner::{CrystalIndex, Scanner};
 use nalgebra::Vector3;
 use rand::{Rng, RngExt as _};
 use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
 
 /// Speed of light, m/s.
 const LIGHT_M_PER_S: f64 = 299_792_458.0;
@@ -100,7 +101,8 @@ pub struct Single {
 }
 
 /// What the scanner reports as the place of a photon.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum EndPoints {
     /// The centre of the crystal.
     #[default]
