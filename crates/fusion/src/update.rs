@@ -36,7 +36,7 @@
 use crate::belief::Belief;
 use crate::compress::{Compressed, Evidence, compress, log_of_product};
 use crate::dense::{
-    add_outer_lower, cholesky_semidefinite, congruence, mirror_lower, solve_right_transposed,
+    add_outer_lower, cholesky_semidefinite, congruence, mirror_lower, solve_right_transposed, symmetrise,
 };
 use lumenav_core::{Linearization, Measurement, ModalityError, Noise};
 use nalgebra::{DMatrix, DVector};
@@ -243,15 +243,7 @@ impl Proposal {
     pub fn apply(self, belief: &mut Belief) {
         belief.covariance = self.covariance;
         belief.inject(&self.error);
-        // Rounding leaves P asymmetric by an ulp; the mean of both halves keeps it exactly symmetric.
-        let n = belief.dimension();
-        for i in 0..n {
-            for j in 0..i {
-                let mean = 0.5 * (belief.covariance[(i, j)] + belief.covariance[(j, i)]);
-                belief.covariance[(i, j)] = mean;
-                belief.covariance[(j, i)] = mean;
-            }
-        }
+        symmetrise(&mut belief.covariance);
     }
 }
 

@@ -159,12 +159,8 @@ impl Output {
 
     /// Whether a reading that could not be read may be passed over; if so it leaves a gap in the sequence.
     fn passes_over(&mut self, error: &ModalityError) -> bool {
-        let pass = self.may_skip(error);
+        let pass = self.bad_rows == BadRows::Skip && matches!(error, ModalityError::Row { .. });
         self.sequence = self.sequence.saturating_add(u64::from(pass));
         pass
-    }
-
-    fn may_skip(&self, error: &ModalityError) -> bool {
-        self.bad_rows == BadRows::Skip && matches!(error, ModalityError::Row { .. })
     }
 }
