@@ -191,8 +191,7 @@ mod tests {
             // A rounding in the logarithm may put a value into the next bin.
             assert!(off.abs() <= RELATIVE_ACCURACY * (1.0 + 1e-9), "{p}: {off}");
         }
-        let (mut all, figures): (Quantiles, _) =
-            (many.iter().copied().collect(), bounded.summary().unwrap());
+        let (mut all, figures): (Quantiles, _) = (many.iter().copied().collect(), bounded.summary().unwrap());
         let exact = all.summary().unwrap();
         assert_eq!((figures.mean, figures.rmse, figures.max), (exact.mean, exact.rmse, exact.max));
         assert_eq!((bounded.count(), bounded.quantile(0.0)), (200_000, Some(sorted[0])));

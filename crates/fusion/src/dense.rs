@@ -5,7 +5,7 @@
 //! entry depends on nothing but its own row and column. All inner loops run down a column (storage order).
 
 use crate::belief::CORE;
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// The lower factor of a symmetric positive *semi*definite matrix, `a = C Cᵀ` (its lower triangle is read).
 ///
@@ -50,9 +50,75 @@ fn factorise<const N: usize>(a: &mut [f64], n: usize) -> bool {
 }
 
 /// `target += factor * source`.
-fn add_multiple(target: &mut [f64], source: &[f64], factor: f64) {
+#[expect(clippy::inline_always, reason = "callers know the length, which unrolls it")]
+#[inline(always)]
+pub(crate) fn add_multiple(target: &mut [f64], source: &[f64], factor: f64) {
     for (value, other) in target.iter_mut().zip(source) {
         *value += factor * other;
+    }
+}
+
+/// Sum of products, in the order of nalgebra's own: eight partial sums, then what is left.
+#[expect(clippy::inline_always, reason = "callers know the length, which unrolls it")]
+#[inline(always)]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest = a.remainder().iter().zip(b.remainder());
+    let mut whole = 0.0;
+    if a.len() > 0 {
+        let mut partial = [0.0; 8];
+        for (a, b) in a.zip(b) {
+            partial.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+        }
+        whole = (0..4).fold(0.0, |sum, i| sum + (partial[i] + partial[i + 4]));
+    }
+    rest.fold(whole, |sum, (a, b)| sum + a * b)
+}
+
+/// `M v`.
+pub(crate) fn times(matrix: &DMatrix<f64>, v: &DVector<f64>) -> DVector<f64> {
+    let mut product = DVector::zeros(matrix.nrows());
+    for (column, factor) in matrix.as_slice().chunks_exact(matrix.nrows().max(1)).zip(v.iter()) {
+        add_multiple(product.as_mut_slice(), column, *factor);
+    }
+    product
+}
+
+/// `Cᵀ v`.
+pub(crate) fn transposed_times(matrix: &DMatrix<f64>, v: &DVector<f64>) -> DVector<f64> {
+    let columns = matrix.as_slice().chunks_exact(matrix.nrows().max(1));
+    DVector::from_iterator(matrix.ncols(), columns.map(|column| dot(column, v.as_slice())))
+}
+
+/// `v ← C v` for a lower factor C.
+#[inline]
+pub(crate) fn lower_times(lower: &DMatrix<f64>, v: &mut DVector<f64>) {
+    let n = v.len();
+    let (lower, v) = (&lower.as_slice()[..n * n], v.as_mut_slice());
+    for i in (0..n).rev() {
+        v[i] = (0..=i).map(|l| lower[l * n + i] * v[l]).sum();
+    }
+}
+
+/// `v ← C⁻¹ v` for a lower factor C without zero pivots.
+#[inline]
+pub(crate) fn solve_lower(lower: &DMatrix<f64>, v: &mut DVector<f64>) {
+    let n = v.len();
+    let v = v.as_mut_slice();
+    for (i, column) in lower.as_slice().chunks_exact(n.max(1)).enumerate() {
+        v[i] /= column[i];
+        let solved = v[i];
+        add_multiple(&mut v[i + 1..], &column[i + 1..], -solved);
+    }
+}
+
+/// `v ← C⁻ᵀ v` for a lower factor C without zero pivots.
+#[inline]
+pub(crate) fn solve_lower_transposed(lower: &DMatrix<f64>, v: &mut DVector<f64>) {
+    let n = v.len();
+    let v = v.as_mut_slice();
+    for (i, column) in lower.as_slice().chunks_exact(n.max(1)).enumerate().rev() {
+        v[i] = (v[i] - dot(&column[i + 1..], &v[i + 1..])) / column[i];
     }
 }
 
@@ -60,8 +126,17 @@ fn add_multiple(target: &mut [f64], source: &[f64], factor: f64) {
 pub(crate) fn solve_right_transposed(x: &mut DMatrix<f64>, lower: &DMatrix<f64>) {
     let (n, c) = x.shape();
     let lower = &lower.as_slice()[..c * c];
+    match n {
+        CORE => solve_right::<CORE>(x.as_mut_slice(), lower, n, c),
+        _ => solve_right::<0>(x.as_mut_slice(), lower, n, c),
+    }
+}
+
+/// N as in [`factorise`].
+fn solve_right<const N: usize>(x: &mut [f64], lower: &[f64], n: usize, c: usize) {
+    let n = if N == 0 { n } else { N };
     for k in 0..c {
-        let (head, tail) = x.as_mut_slice().split_at_mut(k * n);
+        let (head, tail) = x.split_at_mut(k * n);
         let column = &mut tail[..n];
         let pivot = lower[k * c + k];
         if pivot == 0.0 {
@@ -78,18 +153,18 @@ pub(crate) fn solve_right_transposed(x: &mut DMatrix<f64>, lower: &DMatrix<f64>)
 /// Rows and columns of the tiles of [`add_outer_lower`]: their sums stay in the processor's registers.
 const TILE: usize = 4;
 
-/// `target += sign * x xᵀ`, the lower triangle and some entries of the upper one.
-pub(crate) fn add_outer_lower(target: &mut DMatrix<f64>, x: &DMatrix<f64>, sign: f64) {
+/// `target += sign * x xᵀ`, the lower triangle from column `first` on and some entries besides.
+pub(crate) fn add_outer_lower(target: &mut DMatrix<f64>, x: &DMatrix<f64>, sign: f64, first: usize) {
     let n = target.nrows();
     let (target, x) = (target.as_mut_slice(), x.as_slice());
     let whole = n - n % TILE;
-    for j in (0..whole).step_by(TILE) {
+    for j in (first - first % TILE..whole).step_by(TILE) {
         for i in (j..whole).step_by(TILE) {
             add_outer_tile(target, x, n, (i, j), sign);
         }
     }
     // The last rows, which fill no tile.
-    for j in 0..n {
+    for j in first..if whole < n { n } else { first } {
         let from = j.max(whole);
         for source in x.chunks_exact(n) {
             add_multiple(&mut target[j * n + from..(j + 1) * n], &source[from..], sign * source[j]);
@@ -178,10 +253,43 @@ pub(crate) fn carry(a: &mut DMatrix<f64>, to: usize, from: usize, factors: &Matr
     sources.iter_mut().for_each(|value| *value *= decay);
 }
 
+/// These columns, in this order.
+pub(crate) fn columns_of(a: &DMatrix<f64>, numbers: &[usize]) -> DMatrix<f64> {
+    let n = a.nrows();
+    let mut columns = DMatrix::zeros(n, numbers.len());
+    for (column, i) in columns.as_mut_slice().chunks_exact_mut(n).zip(numbers) {
+        column.copy_from_slice(&a.as_slice()[i * n..(i + 1) * n]);
+    }
+    columns
+}
+
+/// These rows, in this order.
+pub(crate) fn rows_of(a: &DMatrix<f64>, numbers: &[usize]) -> DMatrix<f64> {
+    let n = a.nrows();
+    let mut rows = DMatrix::zeros(numbers.len(), a.ncols());
+    for (row, column) in
+        rows.as_mut_slice().chunks_exact_mut(numbers.len().max(1)).zip(a.as_slice().chunks_exact(n))
+    {
+        row.iter_mut().zip(numbers).for_each(|(value, i)| *value = column[*i]);
+    }
+    rows
+}
+
+/// Sets these columns and the rows of the same numbers to zero.
+#[inline]
+pub(crate) fn clear(a: &mut DMatrix<f64>, numbers: &[usize]) {
+    let n = a.nrows();
+    for column in a.as_mut_slice().chunks_exact_mut(n) {
+        numbers.iter().for_each(|i| column[*i] = 0.0);
+    }
+    numbers.iter().for_each(|i| a.as_mut_slice()[i * n..(i + 1) * n].fill(0.0));
+}
+
 /// Copies the lower triangle into the upper one.
 pub(crate) fn mirror_lower(a: &mut DMatrix<f64>) {
     let n = a.nrows();
     match n {
+        6 => mirror::<6>(a.as_mut_slice(), n),
         CORE => mirror::<CORE>(a.as_mut_slice(), n),
         _ => mirror::<0>(a.as_mut_slice(), n),
     }
@@ -273,7 +381,7 @@ mod tests {
         solve_right_transposed(&mut solved, &c);
         assert!((&solved * c.transpose() - &x).amax() < 1e-9);
         let mut sum = DMatrix::identity(11, 11);
-        add_outer_lower(&mut sum, &x, -1.0);
+        add_outer_lower(&mut sum, &x, -1.0, 0);
         mirror_lower(&mut sum);
         assert!((sum - (DMatrix::identity(11, 11) - &x * x.transpose())).amax() < 1e-12);
     }

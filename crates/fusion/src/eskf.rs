@@ -322,8 +322,7 @@ impl Eskf {
     fn apply_measurement(&mut self, measurement: &Measurement) -> Offered {
         let Some(mut belief) = self.stage.belief.take() else { return self.start_from(measurement) };
         belief.predict(measurement.at, &self.options.motion);
-        let (weakest, _) = belief.weakest_direction();
-        if weakest > self.options.lost_position_sigma_m.0 {
+        if let Some(weakest) = self.too_vague(&belief) {
             self.give_up(&belief);
             let mut offered = self.start_from(measurement);
             offered.lost = Some(format!(
@@ -369,6 +368,17 @@ impl Eskf {
         let vouched = others.any(|(_, other)| vouches(other));
         (count >= self.reacquire_after() && !vouched)
             .then(|| format!("{count} measurements in a row of sensor `{}` were refused", measurement.sensor))
+    }
+
+    /// The largest standard deviation of the position, m, where it is beyond the limit.
+    fn too_vague(&self, belief: &Belief) -> Option<f64> {
+        let limit_m = self.options.lost_position_sigma_m.0;
+        // No variance is larger than their sum, which costs no eigenvalues.
+        let sum_m2: f64 = (0..3).map(|i| belief.covariance[(i, i)]).sum();
+        if sum_m2 < limit_m * limit_m {
+            return None;
+        }
+        Some(belief.weakest_direction().0).filter(|weakest| *weakest > limit_m)
     }
 
     fn reacquire_after(&self) -> u32 {
@@ -478,15 +488,13 @@ impl Filter for Eskf {
 
     fn predicted_pose(&self, at: SimTime) -> Option<PosePrior> {
         let belief = self.belief_at(at)?;
-        let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
-        (!vague).then(|| PosePrior { at, pose: belief.pose() })
+        self.too_vague(&belief).is_none().then(|| PosePrior { at, pose: belief.pose() })
     }
 
     fn predicted_estimate(&self, at: SimTime) -> Option<PublishedEstimate> {
         let belief = self.belief_at(at)?;
         // What is known no better than this is no estimate: the next measurement starts anew.
-        let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
-        (!vague).then(|| self.published(&belief))
+        self.too_vague(&belief).is_none().then(|| self.published(&belief))
     }
 
     fn estimate(&self) -> Option<PublishedEstimate> {

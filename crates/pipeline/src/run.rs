@@ -350,7 +350,12 @@ fn in_hindsight(seen: &Hindsight, late: &Reading) -> String {
         Turn::Started => format!("belief started from a fix of sensor `{}`", seen.sensor),
         Turn::NotStarted => "the belief was not started here after all".to_owned(),
     };
-    format!("{what} (seen at {}, when the reading of {} of sensor `{}` came late)", late.arrival, late.at(), late.sensor)
+    format!(
+        "{what} (seen at {}, when the reading of {} of sensor `{}` came late)",
+        late.arrival,
+        late.at(),
+        late.sensor
+    )
 }
 
 /// A simulation under way.

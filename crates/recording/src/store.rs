@@ -168,3 +168,32 @@ impl Pending {
 fn encode_error(path: &EntityPath, why: &dyn std::fmt::Display) -> RecordingError {
     RecordingError::Encode { target: path.to_string(), why: why.to_string() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{inspect, read_scalars};
+
+    /// Rows end in a piece, with one, or between two of them, and so do chunks.
+    #[test]
+    fn law_rows_are_what_was_logged_however_many_there_are() {
+        let folder = tempfile::tempdir().unwrap();
+        for count in [1, 63, 64, 65, 128, 1023, 1024, 1025, 2048, 2500] {
+            let path = folder.path().join(format!("{count}.rrd"));
+            let mut output = Output::file(&path).unwrap();
+            let mut store = Store::open(StoreId::recording("lumenav", "rows"), &mut output).unwrap();
+            let at = |i: i64| time_point(SimTime(i * 1000), Some(i as u64));
+            for i in 0..count {
+                let value = rerun::Scalars::single(0.5 * i as f64);
+                store.log(&mut output, &entity("plots/a"), at(i), &value).unwrap();
+                let waiting = &store.pending.get(&entity("plots/a")).map_or(0, |pending| pending.rows.len());
+                assert!(*waiting < ROWS_PER_PIECE, "{waiting} rows wait by themselves");
+            }
+            store.flush(&mut output).unwrap();
+            output.finish().unwrap();
+            let expected: Vec<(i64, f64)> = (0..count).map(|i| (i * 1000, 0.5 * i as f64)).collect();
+            assert_eq!(read_scalars(&path, "/plots/a").unwrap(), expected, "{count}");
+            assert_eq!(inspect(&path).unwrap().rows["/plots/a"], count as u64);
+        }
+    }
+}

@@ -100,7 +100,8 @@ impl RunObserver for TimingObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
         let unix = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
         self.started = Some((Instant::now(), unix, processor_time_s()));
-        self.tracks = header.tracks.iter().map(|track| (track.name.clone(), BoundedQuantiles::new())).collect();
+        self.tracks =
+            header.tracks.iter().map(|track| (track.name.clone(), BoundedQuantiles::new())).collect();
         Ok(())
     }
 
