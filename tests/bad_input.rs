@@ -2,6 +2,7 @@
 
 use crate::support::{Run, lumenav as program, root, scratch};
 use proptest::prelude::*;
+use proptest::test_runner::FileFailurePersistence::WithSource;
 use std::path::Path;
 
 /// Runs the smoke scenario with one override that must be refused (exit code 3) and returns the message.
@@ -84,7 +85,7 @@ fn mutate(text: &str, at: usize, length: usize, with: &str) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: Some(Box::new(WithSource("regressions"))), ..ProptestConfig::default() })]
 
     #[test]
     fn law_a_mutated_scenario_never_panics(
@@ -160,7 +161,7 @@ fn saved() -> &'static (String, String) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 96, failure_persistence: Some(Box::new(WithSource("regressions"))), ..ProptestConfig::default() })]
 
     #[test]
     fn law_a_mutated_trajectory_is_read_or_refused_by_name(at in 0_usize..4000, length in 0_usize..12, with in spoiled()) {

@@ -8,6 +8,8 @@ mod bad_input;
 mod determinism;
 // What a user does: run, replay, explain, export, view.
 mod journeys;
+// What late readings did is told.
+mod late;
 // The shipped recording is what its command makes.
 mod recording;
 // Plugins outside the modality crates, through the filter, against committed numbers.

@@ -9,6 +9,7 @@ use lumenav::evaluation::trajectory::{Relation, associate};
 use lumenav::report::{Metrics, Trials, TrialsCollector, read_json};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 const COLON: &str = "scenarios/colon-magnetic.toml";
 const HELIX: &str = "scenarios/helix-magnetic.toml";
@@ -29,6 +30,7 @@ pub fn rows(sheet: &mut Sheet) {
     recording(sheet, out);
     trajectories(sheet, out);
     faults_and_seam(sheet);
+    properties(sheet);
     speed(sheet);
 }
 
@@ -153,7 +155,7 @@ fn consistency(sheet: &mut Sheet, out: &Path) {
 /// A row that is a test of the workspace at its full size.
 fn tested(sheet: &mut Sheet, line: &str, target: &str, name: &str) {
     let command = format!("LUMENAV_FULL=1 cargo test --release --workspace --test {target} -- {name}");
-    sheet.row(line, command.trim_end_matches([' ', '-']), "passes", || test(target, name));
+    sheet.row(line, command.trim_end_matches([' ', '-']), "passes", || test(target, name, &[]));
 }
 
 /// Line 4.
@@ -370,6 +372,23 @@ fn fresh_clone() -> Outcome {
     let second = run(here("bash").arg(".ci/run").env_remove("CARGO_TARGET_DIR"))?;
     let last = second.stdout.lines().rev().find(|line| line.starts_with("real-data tests")).unwrap_or("");
     Ok((format!("{:.0} s and {:.0} s; {last}", first.seconds, second.seconds), true))
+}
+
+/// Property tests with cases that no run has drawn before; the seed is in the command, and a failure is kept beside the test.
+fn properties(sheet: &mut Sheet) {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let seed = since.to_string();
+    for (what, target, name) in [
+        ("scenarios, models, recorded files", "it", "bad_input::law_"),
+        ("tracts", "anatomy", "bad_files::law_"),
+        ("arrays and capsules", "magnetic", "files::law_"),
+        ("recorded fluxes", "magnetic", "reader::law_"),
+    ] {
+        let line = format!("bad input: property tests, freely drawn, {what}");
+        let command =
+            format!("PROPTEST_RNG_SEED={seed} cargo test --release --workspace --test {target} -- {name}");
+        sheet.row(&line, &command, "passes", || test(target, name, &[("PROPTEST_RNG_SEED", &seed)]));
+    }
 }
 
 /// Speeds; run them on a machine that does nothing else.

@@ -96,13 +96,15 @@ pub fn metrics_of(arguments: &[&str], out: &Path) -> Result<Metrics, String> {
     read_json(&out.join("metrics.json")).map_err(|e| e.to_string())
 }
 
-/// A test of the workspace at its full size, in release. Lines `figure: …` that it prints are its figures.
-pub fn test(target: &str, name: &str) -> Result<(String, bool), String> {
+/// A test of the workspace at its full size, in release, with these variables set. Lines `figure: …` that it prints are its
+/// figures.
+pub fn test(target: &str, name: &str, variables: &[(&str, &str)]) -> Result<(String, bool), String> {
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let ended = run(Command::new(cargo)
         .args(["test", "--release", "--workspace", "--quiet", "--test", target, "--"])
         .args([name, "--nocapture"])
         .env("LUMENAV_FULL", "1")
+        .envs(variables.iter().copied())
         .current_dir(root()))?;
     // The harness writes its dots into the same lines.
     let figures: Vec<&str> = ended

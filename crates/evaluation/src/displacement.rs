@@ -8,9 +8,10 @@
 //! Pairs follow each other: a pair ends at the first instant at which time or the truth's path since its start has reached the
 //! span, and the next starts there (the rule of `evo`'s consecutive pairs on the reference). The displacement is taken in the
 //! world, so a track that knows no roll has a figure too; where the attitude is wanted as well, see [`crate::trajectory`],
-//! whose relative pose error is that of `evo`. Memory: the start of the open pair, and 8 bytes per pair.
+//! whose relative pose error is that of `evo`. Memory: the start of the open pair, and [`crate::bounded`] figures.
 
-use crate::summary::{CompensatedSum, Quantiles, ScalarSummary};
+use crate::bounded::BoundedQuantiles;
+use crate::summary::{CompensatedSum, ScalarSummary};
 use nalgebra::Vector3;
 
 /// How far the two instants of a pair are apart.
@@ -43,7 +44,7 @@ struct Open {
 pub struct DisplacementErrors {
     span: Span,
     open: Option<Open>,
-    errors_m: Quantiles,
+    errors_m: BoundedQuantiles,
     total_error_m: CompensatedSum,
     total_path_m: CompensatedSum,
 }
@@ -52,7 +53,7 @@ impl DisplacementErrors {
     /// An empty collection.
     pub fn over(span: Span) -> Self {
         let (total_error_m, total_path_m) = (CompensatedSum::default(), CompensatedSum::default());
-        Self { span, open: None, errors_m: Quantiles::new(), total_error_m, total_path_m }
+        Self { span, open: None, errors_m: BoundedQuantiles::new(), total_error_m, total_path_m }
     }
 
     /// Takes an instant (s; one that is not later than the last is passed over) with the positions of estimate and truth in the world, m.
@@ -98,7 +99,7 @@ impl DisplacementErrors {
     }
 
     /// The errors, m; `None` without pairs.
-    pub fn summary_m(&mut self) -> Option<ScalarSummary> {
+    pub fn summary_m(&self) -> Option<ScalarSummary> {
         self.errors_m.summary()
     }
 

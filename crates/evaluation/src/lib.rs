@@ -4,7 +4,7 @@
 //! be. Two questions follow, and this crate keeps them side by side.
 //!
 //! **How wrong was it?** [`pose_error`] compares one estimate with the truth of the same instant; [`summary`]
-//! collects such errors into mean, RMSE, median, p95 and maximum; [`trajectory`] gives absolute and relative
+//! collects such errors into mean, RMSE, median, p95 and maximum ([`bounded`] in constant memory); [`trajectory`] gives absolute and relative
 //! errors (ATE, APE, RPE) of whole trajectories as the tool `evo` does; [`bound`] sets the error against the
 //! best that the measurements allow.
 //!
@@ -47,6 +47,7 @@
 //! distributions far from Gaussian (a particle filter's ring of headings has no useful covariance).
 
 pub mod bound;
+pub mod bounded;
 pub mod chi_square;
 pub mod consistency;
 pub mod displacement;

@@ -7,8 +7,8 @@
 //!
 //! The quantile rule is the linear one, NumPy's default (type 7 of Hyndman and Fan 1996). Quantiles are
 //! exact, not sketched, because the p95 of a rare fault is what a study is about: every value is kept, 8
-//! bytes each (an hour at 100 Hz is 2.9 MB). Sums are compensated (Neumaier 1974), so the figures of a
-//! million values are good to the last digits.
+//! bytes each (an hour at 100 Hz is 2.9 MB; [`crate::bounded`] has the same figures in bounded memory). Sums are
+//! compensated (Neumaier 1974), so the figures of a million values are good to the last digits.
 //!
 //! Values whose square is not finite (NaN, infinite, beyond 1e154) do not enter the figures; they are counted
 //! (`rejected`), so nothing is lost silently.
@@ -67,6 +67,38 @@ impl CompensatedSum {
     }
 }
 
+/// Count, mean and root mean square of what arrives one value at a time.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Moments {
+    sum: CompensatedSum,
+    sum_of_squares: CompensatedSum,
+    pub(crate) count: usize,
+    pub(crate) rejected: usize,
+}
+
+impl Moments {
+    /// Whether the value enters the figures; one whose square is not finite is counted as rejected.
+    pub(crate) fn take(&mut self, value: f64) -> bool {
+        let enters = (value * value).is_finite();
+        if enters {
+            self.count += 1;
+            self.sum.add(value);
+            self.sum_of_squares.add(value * value);
+        } else {
+            self.rejected += 1;
+        }
+        enters
+    }
+
+    pub(crate) fn mean(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum.value() / self.count as f64)
+    }
+
+    pub(crate) fn rmse(&self) -> Option<f64> {
+        (self.count > 0).then(|| (self.sum_of_squares.value() / self.count as f64).sqrt())
+    }
+}
+
 /// Values of a block: a growing vector would hold up to twice what it needs.
 const BLOCK: usize = 4096;
 
@@ -76,9 +108,7 @@ pub struct Quantiles {
     /// In ascending order; what has come since the last question waits in the blocks.
     sorted: Vec<f64>,
     blocks: Vec<Vec<f64>>,
-    sum: CompensatedSum,
-    sum_of_squares: CompensatedSum,
-    rejected: usize,
+    moments: Moments,
 }
 
 impl Quantiles {
@@ -89,8 +119,7 @@ impl Quantiles {
 
     /// Takes one value; one whose square is not finite is counted as rejected.
     pub fn push(&mut self, value: f64) {
-        if !(value * value).is_finite() {
-            self.rejected += 1;
+        if !self.moments.take(value) {
             return;
         }
         if self.blocks.last().is_none_or(|block| block.len() == BLOCK) {
@@ -100,30 +129,26 @@ impl Quantiles {
         if let Some(block) = self.blocks.last_mut() {
             block.push(value);
         }
-        self.sum.add(value);
-        self.sum_of_squares.add(value * value);
     }
 
     /// How many values the figures rest on.
     pub fn count(&self) -> usize {
-        self.sorted.len() + self.blocks.iter().map(Vec::len).sum::<usize>()
+        self.moments.count
     }
 
     /// How many values were rejected as not finite.
     pub fn rejected(&self) -> usize {
-        self.rejected
+        self.moments.rejected
     }
 
     /// Arithmetic mean; `None` without values.
     pub fn mean(&self) -> Option<f64> {
-        let count = self.count();
-        (count > 0).then(|| self.sum.value() / count as f64)
+        self.moments.mean()
     }
 
     /// Root of the mean square; `None` without values.
     pub fn rmse(&self) -> Option<f64> {
-        let count = self.count();
-        (count > 0).then(|| (self.sum_of_squares.value() / count as f64).sqrt())
+        self.moments.rmse()
     }
 
     /// The quantile of probability `p`, 0 to 1 (outside of it: clamped); `None` without values.
@@ -192,14 +217,22 @@ impl FromIterator<f64> for Quantiles {
 
 /// The quantile of probability `p` (clamped to 0..1) of values in ascending order; `None` without values.
 pub fn quantile_of_sorted(sorted: &[f64], p: f64) -> Option<f64> {
-    let last = sorted.len().checked_sub(1)?;
+    let (below, above, part) = ranks(sorted.len(), p)?;
+    Some(between(sorted[below], sorted[above], part))
+}
+
+/// The two ranks between which the quantile of probability `p` (clamped to 0..1) of `count` values lies, and how far along.
+pub(crate) fn ranks(count: usize, p: f64) -> Option<(usize, usize, f64)> {
+    let last = count.checked_sub(1)?;
     let position = last as f64 * p.clamp(0.0, 1.0);
     let below = position.floor() as usize;
-    let above = (below + 1).min(last);
-    let part = position - below as f64;
-    let step = sorted[above] - sorted[below];
-    // From the nearer end, so that the result is exact at both ends and never leaves the interval.
-    Some(if part < 0.5 { sorted[below] + step * part } else { sorted[above] - step * (1.0 - part) })
+    Some((below, (below + 1).min(last), position - below as f64))
+}
+
+/// From the nearer end, so that the result is exact at both ends and never leaves the interval.
+pub(crate) fn between(below: f64, above: f64, part: f64) -> f64 {
+    let step = above - below;
+    if part < 0.5 { below + step * part } else { above - step * (1.0 - part) }
 }
 
 #[cfg(test)]

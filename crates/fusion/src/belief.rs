@@ -25,6 +25,7 @@
 //! The transition differs from the identity in 12 columns only, so it is applied to rows and columns of the covariance in
 //! place; its cost grows linearly with the number of blocks and clones.
 
+use crate::dense::{carry, turn};
 use lumenav_core::pose::{exp_so3, renormalize, right_jacobian_so3, skew};
 use lumenav_core::{
     AxisStep, BlockSpec, FixKind, Instant, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate,
@@ -181,7 +182,7 @@ impl Belief {
         let capsule_from_world = self.capsule_from_world();
         let of_rate = right_jacobian_so3(&turn) * capsule_from_world * step.gain_s;
         self.turn(&turn);
-        self.mix_rate(&Matrix3::identity(), &of_rate, &Matrix3::zeros(), &(Matrix3::identity() * step.decay));
+        carry(&mut self.covariance, POSE + 3, RATE, &of_rate, step.decay);
         self.add_rotation_noise(&step);
         self.state.angular_rate_capsule_rad_s *= step.decay;
         self.translate(dt_s, motion);
@@ -284,19 +285,7 @@ impl Belief {
         let velocity = self.state.velocity_world_m_s;
         self.state.world_from_capsule.translation.vector += velocity * step.gain_s;
         self.state.velocity_world_m_s = velocity * step.decay;
-        let n = self.dimension();
-        for i in 0..3 {
-            for j in 0..n {
-                self.covariance[(i, j)] += step.gain_s * self.covariance[(VELOCITY + i, j)];
-                self.covariance[(VELOCITY + i, j)] *= step.decay;
-            }
-        }
-        for i in 0..3 {
-            for j in 0..n {
-                self.covariance[(j, i)] += step.gain_s * self.covariance[(j, VELOCITY + i)];
-                self.covariance[(j, VELOCITY + i)] *= step.decay;
-            }
-        }
+        carry(&mut self.covariance, POSE, VELOCITY, &(Matrix3::identity() * step.gain_s), step.decay);
         for i in 0..3 {
             self.covariance[(i, i)] += step.noise_pp;
             self.covariance[(i, VELOCITY + i)] += step.noise_pv;
@@ -369,16 +358,7 @@ impl Belief {
         if (at..at + 3).all(|i| error[i] == 0.0) {
             return;
         }
-        let reset = correction_jacobian(error, at);
-        let p = &mut self.covariance;
-        for j in 0..p.ncols() {
-            let v = reset * Vector3::new(p[(at, j)], p[(at + 1, j)], p[(at + 2, j)]);
-            (0..3).for_each(|i| p[(at + i, j)] = v[i]);
-        }
-        for j in 0..p.nrows() {
-            let v = reset * Vector3::new(p[(j, at)], p[(j, at + 1)], p[(j, at + 2)]);
-            (0..3).for_each(|i| p[(j, at + i)] = v[i]);
-        }
+        turn(&mut self.covariance, at, &correction_jacobian(error, at));
     }
 
     /// Pose and covariance, with what is not known left out.

@@ -8,6 +8,7 @@
 //! [`crate::belief`]) or stands twice, a matrix takes the filter's columns, sorted, to the parts'.
 
 use crate::belief::{Belief, POSE, RATE, correction_jacobian};
+use crate::dense::{dot, mirror_lower};
 use lumenav_core::{Linearization, ModalityError, Noise, NominalState, Part};
 use nalgebra::{DMatrix, DVector};
 
@@ -115,7 +116,8 @@ impl Touched {
         state: &NominalState,
     ) -> Result<Self, ModalityError> {
         let mut columns = Vec::with_capacity(18);
-        let mut turning = Vec::with_capacity(2);
+        // Columns at first, then where they stand.
+        let mut rotations = Vec::with_capacity(2);
         let mut width = 0;
         let mut plain = true;
         for part in parts.clone() {
@@ -125,8 +127,8 @@ impl Touched {
             })?;
             plain &= *part != Part::AngularRate && !columns.contains(&start);
             match part {
-                Part::Pose(_) => turning.push(start + 3),
-                Part::AngularRate => turning.push(POSE + 3),
+                Part::Pose(_) => rotations.push(start + 3),
+                Part::AngularRate => rotations.push(POSE + 3),
                 Part::Velocity | Part::Block(_) => {}
             }
             columns.extend(start..start + count);
@@ -138,12 +140,14 @@ impl Touched {
             }
             columns.sort_unstable();
             columns.dedup();
-            turning.sort_unstable();
-            turning.dedup();
+            rotations.sort_unstable();
+            rotations.dedup();
             mixed_parts(parts, belief, state, &columns, width)
         });
-        // Every turning column was put among the columns above.
-        let rotations = turning.iter().filter_map(|first| columns.iter().position(|c| c == first)).collect();
+        // Every one of them was put among the columns above.
+        for rotation in &mut rotations {
+            *rotation = columns.iter().position(|column| column == rotation).unwrap_or_default();
+        }
         Ok(Self { columns, rotations, width, to_parts })
     }
 }
@@ -195,7 +199,7 @@ fn compress_residual(
     if column != asked {
         return Err(ModalityError::Undefined("a Jacobian's columns disagree with its part".into()));
     }
-    whitened.set_column(asked, residual);
+    whitened.column_mut(asked).copy_from(residual);
     let noise_log_determinant = whiten(&mut whitened, noise)?;
     let c = touched.columns.len();
     if let Some(to_parts) = &touched.to_parts {
@@ -206,15 +210,16 @@ fn compress_residual(
     }
     let mut information = DMatrix::zeros(c, c);
     let mut gradient = DVector::zeros(c);
+    let column = |i: usize| &whitened.as_slice()[i * m..(i + 1) * m];
+    let residual = column(c);
     for i in 0..c {
-        let left = whitened.column(i);
+        let left = column(i);
         for j in i..c {
-            let value = left.dot(&whitened.column(j));
-            information[(i, j)] = value;
-            information[(j, i)] = value;
+            information[(j, i)] = dot(left, column(j));
         }
-        gradient[i] = left.dot(&whitened.column(c));
+        gradient[i] = dot(left, residual);
     }
+    mirror_lower(&mut information);
     let evidence = Evidence::Residual { whitened, noise_log_determinant };
     let Touched { columns, rotations, .. } = touched;
     Ok(Compressed { columns, information, gradient, rotations, evidence })

@@ -12,11 +12,13 @@
 //! Nuisance blocks outlive the loss with their own covariance, as a wrong pose says nothing against a sensor's bias; but for
 //! a belief that was lost before it had been accepted as often as it takes to lose one: its blocks are under suspicion too.
 //!
+//! Where a replay makes or undoes a start or a loss that was told otherwise before, [`Filter::take_hindsight`] tells it.
+//!
 //! A measurement about an instant after everything that has arrived so far, itself included, claims to come from the future. It
 //! is refused: once taken, it would make all others too late.
 
 use crate::belief::{Belief, KeptBlocks};
-use crate::filter::{Counters, Filter, FilterSetup, Offered, Refused, Verdict};
+use crate::filter::{Counters, Filter, FilterSetup, Hindsight, Offered, Refused, Turn, Verdict};
 use crate::gate::Gate;
 use crate::options::{EskfOptions, PriorOptions};
 use crate::update::{propose, worst_channels};
@@ -50,6 +52,21 @@ struct Entry {
     action: Action,
     /// State from before this entry; `None` before the start.
     before: Stage,
+    /// What was told of it.
+    told: Told,
+}
+
+/// What an entry did to the life of the belief, when it was last applied.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+struct Told {
+    lost: bool,
+    started: bool,
+}
+
+impl Told {
+    fn of(offered: &Offered) -> Self {
+        Self { lost: offered.lost.is_some(), started: matches!(offered.verdict, Verdict::Started) }
+    }
 }
 
 /// What a replay takes back.
@@ -84,6 +101,7 @@ pub struct Eskf {
     begins: SimTime,
     arrived: SimTime,
     counters: Counters,
+    hindsight: Vec<Hindsight>,
 }
 
 impl Eskf {
@@ -101,6 +119,7 @@ impl Eskf {
             begins: SimTime(i64::MIN),
             arrived: SimTime(i64::MIN),
             counters: Counters::default(),
+            hindsight: Vec::new(),
         }
     }
 
@@ -208,20 +227,51 @@ impl Eskf {
             self.stage = next.before.clone();
         }
         let at = key.0;
-        self.log.insert(place, Entry { key, action, before: Stage::default() });
+        self.log.insert(place, Entry { key, action, before: Stage::default(), told: Told::default() });
         let mut own = None;
         for index in place..self.log.len() {
             self.log[index].before = self.stage.clone();
             let action = self.log[index].action.clone();
             let answer = self.apply(self.log[index].key.0, &action);
+            let now = answer.as_ref().map(Told::of).unwrap_or_default();
+            let told = std::mem::replace(&mut self.log[index].told, now);
             if index == place {
                 own = answer;
+            } else if let Some(answer) = answer.filter(|_| now != told) {
+                self.look_back(index, told, answer);
             }
         }
         self.newest = self.newest.max(at);
         self.forget();
         self.drop_clones();
         own
+    }
+
+    /// Tells what a replay has changed of what was `told` of an entry.
+    fn look_back(&mut self, index: usize, told: Told, answer: Offered) {
+        let now = Told::of(&answer);
+        let (at, _, sensor, _) = &self.log[index].key;
+        let Offered { lost, given_up, .. } = answer;
+        let loss = match lost {
+            Some(why) if !told.lost => Some(Turn::Lost { why, given_up }),
+            None if told.lost => Some(Turn::NotLost),
+            _ => None,
+        };
+        let start = match (told.started, now.started) {
+            (false, true) => Some(Turn::Started),
+            (true, false) => Some(Turn::NotStarted),
+            _ => None,
+        };
+        for turn in [loss, start].into_iter().flatten() {
+            let c = &mut self.counters;
+            match turn {
+                Turn::Lost { .. } => c.losses += 1,
+                Turn::NotLost => c.losses = c.losses.saturating_sub(1),
+                Turn::Started => c.starts += 1,
+                Turn::NotStarted => c.starts = c.starts.saturating_sub(1),
+            }
+            self.hindsight.push(Hindsight { at: *at, sensor: sensor.clone(), turn });
+        }
     }
 
     /// Drops entries older than the lag.
@@ -272,8 +322,7 @@ impl Eskf {
     fn apply_measurement(&mut self, measurement: &Measurement) -> Offered {
         let Some(mut belief) = self.stage.belief.take() else { return self.start_from(measurement) };
         belief.predict(measurement.at, &self.options.motion);
-        let (weakest, _) = belief.weakest_direction();
-        if weakest > self.options.lost_position_sigma_m.0 {
+        if let Some(weakest) = self.too_vague(&belief) {
             self.give_up(&belief);
             let mut offered = self.start_from(measurement);
             offered.lost = Some(format!(
@@ -319,6 +368,17 @@ impl Eskf {
         let vouched = others.any(|(_, other)| vouches(other));
         (count >= self.reacquire_after() && !vouched)
             .then(|| format!("{count} measurements in a row of sensor `{}` were refused", measurement.sensor))
+    }
+
+    /// The largest standard deviation of the position, m, where it is beyond the limit.
+    fn too_vague(&self, belief: &Belief) -> Option<f64> {
+        let limit_m = self.options.lost_position_sigma_m.0;
+        // No variance is larger than their sum, which costs no eigenvalues.
+        let sum_m2: f64 = (0..3).map(|i| belief.covariance[(i, i)]).sum();
+        if sum_m2 < limit_m * limit_m {
+            return None;
+        }
+        Some(belief.weakest_direction().0).filter(|weakest| *weakest > limit_m)
     }
 
     fn reacquire_after(&self) -> u32 {
@@ -422,18 +482,20 @@ impl Filter for Eskf {
         self.drop_clones();
     }
 
+    fn take_hindsight(&mut self) -> Vec<Hindsight> {
+        std::mem::take(&mut self.hindsight)
+    }
+
     fn predicted_pose(&self, at: SimTime) -> Option<PosePrior> {
         let belief = self.belief_at(at)?;
-        let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
         let velocity_world_m_s = Some(belief.state.velocity_world_m_s);
-        (!vague).then(|| PosePrior { at, pose: belief.pose(), velocity_world_m_s })
+        self.too_vague(&belief).is_none().then(|| PosePrior { at, pose: belief.pose(), velocity_world_m_s })
     }
 
     fn predicted_estimate(&self, at: SimTime) -> Option<PublishedEstimate> {
         let belief = self.belief_at(at)?;
         // What is known no better than this is no estimate: the next measurement starts anew.
-        let vague = belief.weakest_direction().0 > self.options.lost_position_sigma_m.0;
-        (!vague).then(|| self.published(&belief))
+        self.too_vague(&belief).is_none().then(|| self.published(&belief))
     }
 
     fn estimate(&self) -> Option<PublishedEstimate> {

@@ -31,6 +31,12 @@ pub trait Filter: Send {
     /// no trace in the filter.
     fn predicted_estimate(&self, at: SimTime) -> Option<PublishedEstimate>;
 
+    /// What became of later instants because of something that arrived late, since this was asked last; in order. A filter that
+    /// never goes back has nothing to say.
+    fn take_hindsight(&mut self) -> Vec<Hindsight> {
+        Vec::new()
+    }
+
     /// The estimate at the belief's own time; `None` before the start and after a loss.
     fn estimate(&self) -> Option<PublishedEstimate>;
 
@@ -38,7 +44,8 @@ pub trait Filter: Send {
     fn counters(&self) -> &Counters;
 }
 
-/// How often what happened, since the start of the run.
+/// How often what happened, since the start of the run. Measurements are counted once, by the answer they were given; starts and
+/// losses as the past is seen now, which what arrives late may change (see [`Hindsight`]).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Measurements that entered the belief.
@@ -110,6 +117,36 @@ impl Offered {
     pub(crate) fn refused(why: Refused) -> Self {
         Self { verdict: Verdict::Refused(why), lost: None, given_up: None }
     }
+}
+
+/// A turn in the life of the belief at an instant that had been passed already. Something arrived late, was put in its place, and
+/// what follows it was applied again, with another end than the one that had been told.
+#[derive(Clone, Debug)]
+pub struct Hindsight {
+    /// The instant of the turn.
+    pub at: SimTime,
+    /// The sensor whose measurement made it.
+    pub sensor: Name,
+    /// What is now so.
+    pub turn: Turn,
+}
+
+/// What is now so of an instant.
+#[derive(Clone, Debug)]
+pub enum Turn {
+    /// The belief was given up there.
+    Lost {
+        /// Why.
+        why: String,
+        /// As [`Offered::given_up`].
+        given_up: Option<Box<PublishedEstimate>>,
+    },
+    /// It was not given up there, although that was told.
+    NotLost,
+    /// The belief was started there.
+    Started,
+    /// It was not started there, although that was told.
+    NotStarted,
 }
 
 /// What a filter is told when it is built, beside its own options.

@@ -21,7 +21,8 @@ pub mod update;
 pub use belief::Belief;
 pub use eskf::Eskf;
 pub use filter::{
-    Counters, FILTERS, Filter, FilterKind, FilterSetup, Offered, Refused, Verdict, build, kind_of,
+    Counters, FILTERS, Filter, FilterKind, FilterSetup, Hindsight, Offered, Refused, Turn, Verdict, build,
+    kind_of,
 };
 pub use lumenav_core::MotionModel;
 pub use options::{EskfOptions, PriorOptions};

@@ -36,7 +36,9 @@
 use crate::belief::Belief;
 use crate::compress::{Compressed, Evidence, compress, log_of_product};
 use crate::dense::{
-    add_outer_lower, cholesky_semidefinite, congruence, mirror_lower, solve_right_transposed,
+    add_multiple, add_outer_lower, cholesky_semidefinite, clear, columns_of, congruence, lower_times,
+    mirror_lower, rows_of, solve_lower, solve_lower_transposed, solve_right_transposed, symmetrise, times,
+    transposed_times,
 };
 use lumenav_core::{Linearization, Measurement, ModalityError, Noise};
 use nalgebra::{DMatrix, DVector};
@@ -75,8 +77,8 @@ struct Gain {
 
 impl Gain {
     fn new(belief: &Belief, columns: &[usize]) -> Result<Self, ModalityError> {
-        let mut spread = belief.covariance.select_columns(columns);
-        let root = cholesky_semidefinite(spread.select_rows(columns)).ok_or_else(|| {
+        let mut spread = columns_of(&belief.covariance, columns);
+        let root = cholesky_semidefinite(rows_of(&spread, columns)).ok_or_else(|| {
             ModalityError::Undefined("the belief's covariance lost its definiteness".into())
         })?;
         solve_right_transposed(&mut spread, &root);
@@ -100,12 +102,12 @@ impl Gain {
             .ok_or_else(|| {
                 ModalityError::Undefined("a measurement's information is not semidefinite".into())
             })?;
-        let mut weight = self.root.tr_mul(gradient);
-        // The pivots are positive by the line above, so this solve succeeds.
-        factor.solve_lower_triangular_mut(&mut weight);
+        let mut weight = transposed_times(&self.root, gradient);
+        // The pivots are positive by the lines above.
+        solve_lower(&factor, &mut weight);
         let mut spread = self.spread.clone();
         solve_right_transposed(&mut spread, &factor);
-        let error = &spread * &weight;
+        let error = times(&spread, &weight);
         Ok(Solution { factor, weight, spread, error })
     }
 }
@@ -243,15 +245,7 @@ impl Proposal {
     pub fn apply(self, belief: &mut Belief) {
         belief.covariance = self.covariance;
         belief.inject(&self.error);
-        // Rounding leaves P asymmetric by an ulp; the mean of both halves keeps it exactly symmetric.
-        let n = belief.dimension();
-        for i in 0..n {
-            for j in 0..i {
-                let mean = 0.5 * (belief.covariance[(i, j)] + belief.covariance[(j, i)]);
-                belief.covariance[(i, j)] = mean;
-                belief.covariance[(j, i)] = mean;
-            }
-        }
+        symmetrise(&mut belief.covariance);
     }
 }
 
@@ -260,13 +254,16 @@ fn innovation_of(compressed: &Compressed, gain: &Gain, solution: &Solution) -> I
     match &compressed.evidence {
         Evidence::Residual { whitened, noise_log_determinant } => {
             let (m, c) = (whitened.nrows(), compressed.columns.len());
-            // u = L⁻ᵀ y; the pivots of L are positive, so this solve succeeds.
-            let mut start = solution.weight.clone();
-            solution.factor.tr_solve_lower_triangular_mut(&mut start);
-            let explained = &gain.root * &start;
+            // u = L⁻ᵀ y, then C u; the pivots of L are positive.
+            let mut explained = solution.weight.clone();
+            solve_lower_transposed(&solution.factor, &mut explained);
+            let of_state = explained.norm_squared();
+            lower_times(&gain.root, &mut explained);
             let mut left = whitened.column(c).into_owned();
-            left.gemv(-1.0, &whitened.columns(0, c), &explained, 1.0);
-            let chi_square = left.norm_squared() + start.norm_squared();
+            for (column, factor) in whitened.as_slice().chunks_exact(m.max(1)).zip(explained.iter()) {
+                add_multiple(left.as_mut_slice(), column, -factor);
+            }
+            let chi_square = left.norm_squared() + of_state;
             let normalisation = noise_log_determinant + m as f64 * std::f64::consts::TAU.ln();
             Innovation {
                 chi_square,
@@ -299,12 +296,11 @@ fn innovation_of(compressed: &Compressed, gain: &Gain, solution: &Solution) -> I
 /// `P⁺ = (P - X Xᵀ) + Y Yᵀ`, the bracket exactly zero on the touched columns.
 fn posterior(belief: &Belief, columns: &[usize], gain: &Gain, solution: &Solution) -> DMatrix<f64> {
     let mut covariance = belief.covariance.clone();
-    add_outer_lower(&mut covariance, &gain.spread, -1.0);
-    for column in columns {
-        covariance.column_mut(*column).fill(0.0);
-        covariance.row_mut(*column).fill(0.0);
-    }
-    add_outer_lower(&mut covariance, &solution.spread, 1.0);
+    // The pose stands before the rest: what is cleared next need not be worked out.
+    let first = (0..covariance.ncols()).find(|column| !columns.contains(column)).unwrap_or(0);
+    add_outer_lower(&mut covariance, &gain.spread, -1.0, first);
+    clear(&mut covariance, columns);
+    add_outer_lower(&mut covariance, &solution.spread, 1.0, 0);
     mirror_lower(&mut covariance);
     covariance
 }

@@ -18,7 +18,7 @@ use lumenav_core::{
     CapsuleTruth, ModalityError, Name, Observation, PathMap, Primitive, RandomStreams, Reading,
     ReadingStream, Recorded, Registry, Sensor, SimTime,
 };
-use lumenav_fusion::Counters;
+use lumenav_fusion::{Counters, Hindsight, Turn};
 use lumenav_scenario::{ScenarioFile, World};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -306,6 +306,10 @@ fn tell_step(
         let text = format!("belief given up: {lost}");
         observers.tell(&RunEvent::Note { at: reading.at(), source: &name, text: &text })?;
     }
+    for seen in &step.hindsight {
+        let text = in_hindsight(seen, reading);
+        observers.tell(&RunEvent::Note { at: seen.at, source: &name, text: &text })?;
+    }
     let Some(estimate) = &step.estimate else { return Ok(()) };
     if step.started {
         let text = format!("belief started from a fix of sensor `{}`", reading.sensor);
@@ -328,7 +332,7 @@ fn tell_step(
             block.eigenvalues[largest].max(0.0).sqrt(),
             block.eigenvectors.column(largest).into_owned(),
         ),
-        started: step.started,
+        started: step.starts_anew(),
         accepted: step.refusal.is_none(),
         truth: truth.as_ref(),
         error: error.as_ref(),
@@ -336,6 +340,22 @@ fn tell_step(
     }))?;
     track.updates += 1;
     Ok(())
+}
+
+/// What a late reading has changed of the past, in words. A loss begins with the words of one in time.
+fn in_hindsight(seen: &Hindsight, late: &Reading) -> String {
+    let what = match &seen.turn {
+        Turn::Lost { why, .. } => format!("belief given up: {why}"),
+        Turn::NotLost => "the belief was not given up here after all".to_owned(),
+        Turn::Started => format!("belief started from a fix of sensor `{}`", seen.sensor),
+        Turn::NotStarted => "the belief was not started here after all".to_owned(),
+    };
+    format!(
+        "{what} (seen at {}, when the reading of {} of sensor `{}` came late)",
+        late.arrival,
+        late.at(),
+        late.sensor
+    )
 }
 
 /// A simulation under way.

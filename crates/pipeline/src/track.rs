@@ -10,7 +10,7 @@ use lumenav_core::{
     BlockSpec, ConfigError, FixKind, FrontEnd, Measurement, ModalityError, MotionInput, Name, Node, Outcome,
     PosePrior, PublishedEstimate, Reading, SimTime,
 };
-use lumenav_fusion::{Filter, Offered, Refused, Verdict};
+use lumenav_fusion::{Filter, Hindsight, Offered, Refused, Turn, Verdict};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -32,6 +32,8 @@ pub struct Step {
     pub refusal: Option<Refusal>,
     /// Why the belief was given up.
     pub lost: Option<String>,
+    /// Starts and losses at instants that had passed already, changed by what arrived late.
+    pub hindsight: Vec<Hindsight>,
     /// Time spent, s.
     pub compute_s: f64,
 }
@@ -107,7 +109,7 @@ impl Track {
             let refusal = Some(refusal(refused));
             steps.push(Step { refusal, compute_s: begin.elapsed().as_secs_f64(), ..Step::default() });
         }
-        let Some(front_end) = &mut input.front_end else { return Ok(steps) };
+        let Some(front_end) = &mut input.front_end else { return Ok(self.with_hindsight(steps)) };
         let prior: Option<PosePrior> = self.filter.as_ref().and_then(|f| f.predicted_pose(reading.at()));
         let outcome = front_end.process(reading, prior.as_ref())?;
         if let Some(filter) = &mut self.filter {
@@ -127,7 +129,18 @@ impl Track {
                 steps.extend(measurements.into_iter().map(|m| self.take(m, share)));
             }
         }
-        Ok(steps)
+        Ok(self.with_hindsight(steps))
+    }
+
+    /// Adds what the reading changed of the past without a measurement of its own (a motion, a clone).
+    fn with_hindsight(&mut self, mut steps: Vec<Step>) -> Vec<Step> {
+        let late = self.filter.as_mut().map(|filter| filter.take_hindsight()).unwrap_or_default();
+        match steps.last_mut() {
+            Some(step) => step.hindsight.extend(late),
+            None if !late.is_empty() => steps.push(Step { hindsight: late, ..Step::default() }),
+            None => {}
+        }
+        steps
     }
 
     fn take(&mut self, measurement: Measurement, front_end_s: f64) -> Step {
@@ -138,15 +151,15 @@ impl Track {
             return self.published(step, at);
         };
         let Offered { verdict, lost, given_up } = filter.offer(measurement.clone());
-        let mut step = Step { lost, ..Step::default() };
+        let mut step = Step { lost, hindsight: filter.take_hindsight(), ..Step::default() };
         match verdict {
             Verdict::Accepted(innovation) => {
                 step.nis = Some((innovation.chi_square, innovation.degrees_of_freedom));
-                step.estimate = filter.estimate();
+                step.estimate = filter.estimate().or_else(|| step.last_word());
             }
             Verdict::Started => {
                 step.started = true;
-                step.estimate = filter.estimate();
+                step.estimate = filter.estimate().or_else(|| step.last_word());
             }
             // Older than anything that the filter still knows.
             Verdict::Refused(Refused::TooLate { by_s }) => step.refusal = Some(Refusal::TooLate { by_s }),
@@ -194,6 +207,19 @@ impl Track {
 }
 
 impl Step {
+    /// Whether the belief that is published was started anew because of it, at its own instant or at a later one.
+    pub fn starts_anew(&self) -> bool {
+        self.started || self.hindsight.iter().any(|seen| matches!(seen.turn, Turn::Started))
+    }
+
+    /// What a belief said that is gone now: it was given up at an instant after the measurement that entered it.
+    fn last_word(&self) -> Option<PublishedEstimate> {
+        self.hindsight.iter().rev().find_map(|seen| match &seen.turn {
+            Turn::Lost { given_up: Some(last), .. } => Some((**last).clone()),
+            _ => None,
+        })
+    }
+
     /// A front end's own fix as the estimate of a track without a filter.
     fn alone(measurement: Measurement, compute_s: f64) -> Self {
         let Some(pose) = measurement.fix.clone() else {

@@ -5,7 +5,7 @@ use lumenav_core::{
     FixKind, Frame, FrontEnd, Measurement, ModalityError, MotionInput, MotionSample, Name, Node, Outcome,
     PoseEstimate, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
 };
-use lumenav_fusion::FilterSetup;
+use lumenav_fusion::{FilterSetup, Turn};
 use lumenav_pipeline::Refusal;
 use lumenav_pipeline::track::{Input, Step, Track, blocks};
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3};
@@ -149,6 +149,35 @@ fn law_a_late_measurement_revises_and_does_not_count_an_instant_twice() {
         }
         instants.dedup();
         assert_eq!(instants.len(), 20);
+    }
+}
+
+/// A late reading that changes the life of the belief after it says so, and what is published then is a revision: of the belief
+/// that was started anew, or the last word of one that is gone.
+#[test]
+fn law_what_a_late_reading_does_to_later_instants_is_told() {
+    for last in [42, 43] {
+        let mut track = track("kind = \"eskf\"");
+        for k in (0..=5).chain(40..=last) {
+            let step = one(&mut track, &reading("fast", k, tenth(k), 0.0));
+            assert!(step.refusal.is_none() && step.hindsight.is_empty());
+        }
+        let step = one(&mut track, &reading("fast", 39, tenth(last), 25.0));
+        assert!(step.refusal.is_none() && step.lost.is_none() && !step.started);
+        let seen: Vec<_> = step.hindsight.iter().map(|seen| seen.at).collect();
+        assert!(matches!(&step.hindsight[0].turn, Turn::Lost { why, .. } if why.contains("sensor `fast`")));
+        let estimate = step.estimate.as_ref().unwrap();
+        assert_eq!((estimate.at, step.revision), (tenth(last), true));
+        let x_m = estimate.pose.world_from_capsule.translation.x;
+        if last == 43 {
+            assert!(matches!(step.hindsight[1].turn, Turn::Started));
+            assert_eq!((seen, step.starts_anew()), (vec![tenth(42), tenth(43)], true));
+            assert!(x_m.abs() < 1e-9, "{x_m}");
+        } else {
+            assert_eq!((seen, step.starts_anew()), (vec![tenth(42)], false));
+            assert!((x_m - 0.025).abs() < 5e-3, "{x_m}");
+            assert!(track.filter().unwrap().estimate().is_none());
+        }
     }
 }
 

@@ -14,7 +14,7 @@
 //!
 //! [`RunWriter`] is all of them in a [`RunFolder`] that appears whole or not at all. [`write_tum`], [`write_kitti`] and
 //! [`write_csv`] export single tracks, [`write_mcap`] truth and tracks in one file. Equal runs give equal bytes, `timing.json` excepted. Memory does not grow with the
-//! run, 8 bytes per update and quantile figure of `metrics.json` and `timing.json` excepted.
+//! run, 8 bytes per judged update of a track for the quantiles of its position error excepted.
 
 mod error;
 mod file;

@@ -1,7 +1,8 @@
 //! `metrics.json`: what a script wants to know of a run; and the same as a value.
 //!
 //! Keys are stable (schema 1); a figure that does not exist (no truth, no roll, no filter) is `null`. No wall times: equal
-//! runs give equal files. Memory: 8 bytes per update and figure with quantiles, everything else is sums.
+//! runs give equal files. Memory: 8 bytes per judged update for the position error, whose quantiles are exact; those of the other
+//! figures are exact for short runs and good to half a thousandth for long ones (`lumenav_evaluation::bounded`). Everything else is sums.
 //!
 //! *Availability* is the share of the truth's instants (in a replay: of the clock's) at which the last estimate that a measurement
 //! has entered is at most [`FRESH_S`] old. *Latency* is the time between the instant an estimate is about and the one at which it was available.
@@ -16,6 +17,7 @@ use crate::file::write_json;
 use crate::log::refusal_reason;
 use lumenav_core::{Name, SimTime};
 use lumenav_evaluation::bound::EfficiencyAccumulator;
+use lumenav_evaluation::bounded::BoundedQuantiles;
 use lumenav_evaluation::consistency::one_run::{NeesAccumulator, NeesSummary, NisAccumulator};
 use lumenav_evaluation::consistency::verdict::Verdict;
 use lumenav_evaluation::displacement::{DisplacementErrors, Span};
@@ -155,10 +157,10 @@ pub struct NeesFigures {
 /// Collects the figures of one track.
 struct Collector {
     position_mm: Quantiles,
-    heading_deg: Quantiles,
-    attitude_deg: Quantiles,
-    along_tract_mm: Quantiles,
-    latency_ms: Quantiles,
+    heading_deg: BoundedQuantiles,
+    attitude_deg: BoundedQuantiles,
+    along_tract_mm: BoundedQuantiles,
+    latency_ms: BoundedQuantiles,
     relative_time: DisplacementErrors,
     relative_path: DisplacementErrors,
     axis_sums: [f64; 3],
@@ -181,10 +183,10 @@ impl Collector {
     fn new() -> Self {
         Self {
             position_mm: Quantiles::new(),
-            heading_deg: Quantiles::new(),
-            attitude_deg: Quantiles::new(),
-            along_tract_mm: Quantiles::new(),
-            latency_ms: Quantiles::new(),
+            heading_deg: BoundedQuantiles::new(),
+            attitude_deg: BoundedQuantiles::new(),
+            along_tract_mm: BoundedQuantiles::new(),
+            latency_ms: BoundedQuantiles::new(),
             relative_time: DisplacementErrors::over(Span::Seconds(RELATIVE_SPAN_S)),
             relative_path: DisplacementErrors::over(Span::Metres(DRIFT_SPAN_M)),
             axis_sums: [0.0; 3],
@@ -208,6 +210,11 @@ impl Collector {
         let estimate = update.estimate;
         self.updates += u64::from(update.accepted);
         self.starts += u64::from(update.started);
+        if update.started {
+            // What lies between two beliefs is no displacement.
+            self.relative_time.interrupt();
+            self.relative_path.interrupt();
+        }
         // A prediction that stands in for a refused measurement is judged, but nobody has seen the capsule.
         if update.accepted {
             self.last_estimate = self.last_estimate.max(Some(estimate.at));
@@ -259,9 +266,6 @@ impl Collector {
     fn displacement(&mut self, update: &TrackUpdate<'_>, truth_m: Vector3<f64>) {
         let estimate_m = update.estimate.pose.world_from_capsule.translation.vector;
         for relative in [&mut self.relative_time, &mut self.relative_path] {
-            if update.started {
-                relative.interrupt();
-            }
             relative.push(update.estimate.at.seconds(), estimate_m, truth_m);
         }
     }

@@ -3,7 +3,8 @@
 use crate::error::ReportError;
 use crate::file::write_json;
 use lumenav_core::{Name, SimTime};
-use lumenav_evaluation::summary::{Quantiles, ScalarSummary};
+use lumenav_evaluation::bounded::BoundedQuantiles;
+use lumenav_evaluation::summary::ScalarSummary;
 use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -46,7 +47,7 @@ pub struct TrackTiming {
 pub struct TimingObserver {
     path: PathBuf,
     stages: BTreeMap<String, f64>,
-    tracks: BTreeMap<Name, Quantiles>,
+    tracks: BTreeMap<Name, BoundedQuantiles>,
     started: Option<(Instant, f64, Option<f64>)>,
     last: SimTime,
 }
@@ -72,7 +73,7 @@ impl TimingObserver {
         let Some((clock, started_unix_s, cpu_before)) = self.started.take() else { return Ok(()) };
         let wall_s = clock.elapsed().as_secs_f64();
         let simulated_s = self.last.seconds();
-        let tracks = self.tracks.iter_mut().map(|(name, ms)| {
+        let tracks = self.tracks.iter().map(|(name, ms)| {
             let total_ms = ms.mean().unwrap_or(0.0) * ms.count() as f64;
             let timing = TrackTiming {
                 update_ms: ms.summary(),
@@ -99,7 +100,8 @@ impl RunObserver for TimingObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
         let unix = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
         self.started = Some((Instant::now(), unix, processor_time_s()));
-        self.tracks = header.tracks.iter().map(|track| (track.name.clone(), Quantiles::new())).collect();
+        self.tracks =
+            header.tracks.iter().map(|track| (track.name.clone(), BoundedQuantiles::new())).collect();
         Ok(())
     }
 

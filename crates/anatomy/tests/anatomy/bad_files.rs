@@ -2,6 +2,7 @@
 
 use crate::load_text;
 use proptest::prelude::*;
+use proptest::test_runner::FileFailurePersistence::WithSource;
 
 const GOOD: &str = "\
 [tract]
@@ -181,10 +182,7 @@ const PIECES: [&str; 24] = [
 ];
 
 proptest! {
-    #![proptest_config(ProptestConfig {
-        cases: 1500, failure_persistence: None, rng_seed: proptest::test_runner::RngSeed::Fixed(7),
-        ..ProptestConfig::default()
-    })]
+    #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: Some(Box::new(WithSource("regressions"))), ..ProptestConfig::default() })]
 
     /// Mutated files give a tract or an error, never a panic.
     #[test]

@@ -2,6 +2,7 @@
 
 mod algebra;
 mod consistency;
+mod hindsight;
 mod iteration;
 mod life;
 mod models;

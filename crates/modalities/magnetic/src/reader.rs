@@ -42,7 +42,8 @@ pub struct FilesTable {
     /// Unit of that file, A/m per number.
     #[serde(default = "one")]
     pub magnetization_unit_a_m: Positive,
-    /// Time that becomes 0, s; absent: 0 in the wide layout, the first reading's in the long one.
+    /// Time that becomes 0, s; absent: 0 in the wide layout, the first reading's in the long one (that is, of the first that has a
+    /// time, whether the rest of it can be read or not).
     pub time_zero_s: Option<Finite>,
     /// Unit of the background file and of the long layout's flux, T per number (1e-6 for microtesla).
     #[serde(default = "one")]
@@ -159,12 +160,8 @@ impl Output {
 
     /// Whether a reading that could not be read may be passed over; if so it leaves a gap in the sequence.
     fn passes_over(&mut self, error: &ModalityError) -> bool {
-        let pass = self.may_skip(error);
+        let pass = self.bad_rows == BadRows::Skip && matches!(error, ModalityError::Row { .. });
         self.sequence = self.sequence.saturating_add(u64::from(pass));
         pass
-    }
-
-    fn may_skip(&self, error: &ModalityError) -> bool {
-        self.bad_rows == BadRows::Skip && matches!(error, ModalityError::Row { .. })
     }
 }

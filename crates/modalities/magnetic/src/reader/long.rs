@@ -1,4 +1,9 @@
 //! Long layout: one row per sensor and reading, with the sensor's pose in the row.
+//!
+//! Where readings are placed in time by their count, one that is passed over must count as well, else all that follow are
+//! early. A bad row belongs to the reading that it names. One that names none (cells are missing or the text is none) belongs
+//! to the reading around it; between two readings it fills what the first lacks, then what the second lacks, and of what is
+//! left every array-full of rows (rounded: half of one is one) is a reading of which nothing can be read.
 
 use super::calibration::Calibration;
 use super::{FilesTable, LongColumns, Output};
@@ -6,7 +11,7 @@ use crate::array::MAX_DISTANCE_M;
 use lumenav_core::pose::exp_so3;
 use lumenav_core::{ModalityError, Reading, Recorded, SimTime};
 use lumenav_records::place::{MAX_TIME_S, Place};
-use lumenav_records::{Row, Table};
+use lumenav_records::{BadRows, Row, Table};
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 /// Column indices of the long layout.
@@ -30,18 +35,75 @@ pub(super) struct LongReader {
     start_s: Option<f64>,
     /// First row of the next reading.
     ahead: Option<LongRow>,
-    /// The last row that could not be read.
-    bad_row: Option<ModalityError>,
+    /// Rows before it that name no reading and that the last reading does not lack.
+    nameless: Nameless,
+    /// A reading that waits until what was lost before it is told.
+    waiting: Option<Group>,
+    /// How many readings were lost before it, and why: none where a stray row names nothing.
+    lost: Option<(usize, RowError)>,
     failed: bool,
 }
 
+/// A row that names its reading.
 struct LongRow {
     key: String,
+    /// `None` where there is no column of times, or no time in it.
     time_s: Option<f64>,
+    line: u64,
+    content: Result<Content, RowError>,
+}
+
+/// What a sensor says in a row.
+struct Content {
     /// Not a number where the cell is empty.
     flux_tesla: [f64; 3],
     pose: Isometry3<f64>,
+}
+
+/// The rows of one reading.
+struct Group {
+    /// No more of them than one above the number of sensors.
+    rows: Vec<LongRow>,
+    /// Rows that name no reading and were taken for this one's.
+    nameless: Nameless,
+}
+
+/// Rows that name no reading: how many, and what was wrong with the first.
+#[derive(Default)]
+struct Nameless {
+    count: usize,
+    first: Option<RowError>,
+}
+
+/// A row that may be passed over: line and reason.
+#[derive(Clone)]
+struct RowError {
     line: u64,
+    message: String,
+}
+
+impl Nameless {
+    fn push(&mut self, error: RowError) {
+        self.count += 1;
+        self.first.get_or_insert(error);
+    }
+
+    /// Moves up to `count` of them over to `other`.
+    fn fill(&mut self, other: &mut Self, count: usize) {
+        let moved = count.min(self.count);
+        if moved > 0 {
+            self.count -= moved;
+            other.count += moved;
+            other.first = other.first.take().or_else(|| self.first.clone());
+        }
+    }
+}
+
+impl Group {
+    /// How many rows it has fewer than there are sensors.
+    fn lacks(&self, sensors: usize) -> usize {
+        sensors.saturating_sub(self.rows.len() + self.nameless.count)
+    }
 }
 
 /// Rotation vectors longer than this many radians are another unit (degrees) or a wrong column: 2π says it all.
@@ -75,50 +137,87 @@ impl LongReader {
             output,
             start_s: files.time_zero_s.map(|v| v.0),
             ahead: None,
-            bad_row: None,
+            nameless: Nameless::default(),
+            waiting: None,
+            lost: None,
             failed: false,
         })
     }
 
-    /// The next good row; a bad one is an error, or counted and passed over.
-    fn next_row(&mut self) -> Result<Option<LongRow>, ModalityError> {
+    /// The next row that names a reading; `others` takes in what stands before it.
+    fn next_row(&mut self, others: &mut Nameless) -> Result<Option<LongRow>, ModalityError> {
         if let Some(row) = self.ahead.take() {
             return Ok(Some(row));
         }
         while let Some(row) = self.table.next_row() {
-            match row.and_then(|row| long_row(&row, &self.indices, &self.origin_m, self.unit_tesla)) {
-                Ok(row) => return Ok(Some(row)),
-                // The reading it belongs to lacks a row now and is passed over as a whole, with this as the reason.
-                Err(error) if self.output.may_skip(&error) => self.bad_row = Some(error),
-                Err(error) => return Err(error),
+            match row {
+                Ok(row) => {
+                    let content = content(&row, &self.indices, &self.origin_m, self.unit_tesla);
+                    let content = match content {
+                        Ok(content) => Ok(content),
+                        Err(error) => Err(passable(error, &self.output)?),
+                    };
+                    let time_s = self.indices.time_s.and_then(|column| row.number(column).ok());
+                    let key = row.text(self.indices.reading).to_owned();
+                    return Ok(Some(LongRow { key, time_s, line: row.line(), content }));
+                }
+                Err(error) => others.push(passable(error, &self.output)?),
             }
         }
         Ok(None)
     }
 
-    fn next_rows(&mut self) -> Result<Option<Vec<LongRow>>, ModalityError> {
-        let Some(first) = self.next_row()? else { return Ok(None) };
-        let mut rows = vec![first];
-        while let Some(row) = self.next_row()? {
-            // One more than expected is enough to know that it is wrong; the rest need not be held.
-            if row.key != rows[0].key {
+    /// The rows of the next reading; `None` at the end of the file. Leaves in `lost` what was lost before it.
+    fn next_group(&mut self) -> Result<Option<Group>, ModalityError> {
+        let sensors = self.calibration.sensors();
+        let mut before = std::mem::take(&mut self.nameless);
+        let Some(first) = self.next_row(&mut before)? else {
+            self.lose(&before);
+            return Ok(None);
+        };
+        let mut group = Group { rows: vec![first], nameless: Nameless::default() };
+        let mut after = Nameless::default();
+        while let Some(row) = self.next_row(&mut after)? {
+            if row.key != group.rows[0].key {
                 self.ahead = Some(row);
                 break;
             }
-            if rows.len() <= self.calibration.sensors() {
-                rows.push(row);
+            // What stands between two rows of a reading is a part of it.
+            let between = after.count;
+            after.fill(&mut group.nameless, between);
+            // One more than expected is enough to know that it is wrong; the rest need not be held.
+            if group.rows.len() <= sensors {
+                group.rows.push(row);
             }
         }
-        Ok(Some(rows))
+        let lacking = group.lacks(sensors);
+        before.fill(&mut group.nameless, lacking);
+        let lacking = group.lacks(sensors);
+        after.fill(&mut group.nameless, lacking);
+        self.nameless = after;
+        self.lose(&before);
+        Ok(Some(group))
     }
 
-    fn reading_of(&mut self, rows: &[LongRow]) -> Result<Reading, ModalityError> {
-        let (first, sensors) = (&rows[0], self.calibration.sensors());
-        let refuse = |message: String| ModalityError::Row {
-            file: self.table.file().to_owned(),
-            line: first.line,
-            message,
-        };
+    /// Rows that no reading lacks: how many readings they were.
+    fn lose(&mut self, rows: &Nameless) {
+        let sensors = self.calibration.sensors().max(1);
+        let readings = (rows.count + sensors / 2) / sensors;
+        self.lost = rows.first.clone().filter(|_| rows.count > 0).map(|why| (readings, why));
+    }
+
+    fn reading_of(&mut self, group: &Group) -> Result<Reading, ModalityError> {
+        let (rows, sensors) = (&group.rows, self.calibration.sensors());
+        let first = &rows[0];
+        let file = self.table.file();
+        let refuse = |message: String| row_error(file, first.line, message);
+        let time_s = rows.iter().find_map(|row| row.time_s);
+        // A first reading that is passed over keeps its place in time.
+        let start_s = time_s.map(|time_s| *self.start_s.get_or_insert(time_s));
+        let bad = rows.iter().find_map(|row| row.content.as_ref().err()).or(group.nameless.first.as_ref());
+        if let Some(bad) = bad {
+            return Err(row_error(file, bad.line, bad.message.clone()));
+        }
         if rows.len() != sensors {
             let count = if rows.len() > sensors { "too many".to_owned() } else { rows.len().to_string() };
             return Err(refuse(format!(
@@ -126,10 +225,9 @@ impl LongReader {
                 first.key
             )));
         }
-        let period_s = self.period_s.unwrap_or_default();
-        let time_s = match first.time_s {
-            Some(time) => time - *self.start_s.get_or_insert(time),
-            None => self.output.sequence as f64 * period_s,
+        let time_s = match first.time_s.zip(start_s) {
+            Some((time_s, start_s)) => time_s - start_s,
+            None => self.output.sequence as f64 * self.period_s.unwrap_or_default(),
         };
         if time_s.abs() > MAX_TIME_S {
             return Err(refuse(format!("time {time_s:e} s is out of range")));
@@ -137,20 +235,38 @@ impl LongReader {
         let at = SimTime::from_seconds(time_s);
         let place = Place { interval: (at, at), arrival: at, sequence: None };
         self.output.advance(&place).map_err(refuse)?;
+        let sound: Vec<&Content> = rows.iter().filter_map(|row| row.content.as_ref().ok()).collect();
         let calibrated =
-            |place: &(usize, usize)| self.calibration.apply(*place, rows[place.0].flux_tesla[place.1]);
+            |place: &(usize, usize)| self.calibration.apply(*place, sound[place.0].flux_tesla[place.1]);
         let values = self.calibration.channel_axes.iter().map(calibrated).collect();
-        let known_poses = rows.iter().enumerate().map(|(i, row)| (format!("s{i}"), row.pose)).collect();
+        let known_poses = sound.iter().enumerate().map(|(i, row)| (format!("s{i}"), row.pose)).collect();
         self.output.reading(&place, known_poses, values)
     }
 }
 
-fn long_row(
+fn row_error(file: &str, line: u64, message: String) -> ModalityError {
+    ModalityError::Row { file: file.to_owned(), line, message }
+}
+
+/// What is wrong with a row that may be passed over.
+///
+/// # Errors
+/// The error itself, where the reader is to stop at it.
+fn passable(error: ModalityError, output: &Output) -> Result<RowError, ModalityError> {
+    match error {
+        ModalityError::Row { line, message, .. } if output.bad_rows == BadRows::Skip => {
+            Ok(RowError { line, message })
+        }
+        error => Err(error),
+    }
+}
+
+fn content(
     row: &Row<'_>,
     indices: &LongIndices,
     origin_m: &Vector3<f64>,
     unit_tesla: f64,
-) -> Result<LongRow, ModalityError> {
+) -> Result<Content, ModalityError> {
     let three = |columns: &[usize; 3]| -> Result<Vector3<f64>, ModalityError> {
         Ok(Vector3::new(row.number(columns[0])?, row.number(columns[1])?, row.number(columns[2])?))
     };
@@ -166,13 +282,30 @@ fn long_row(
     for (value, column) in flux_tesla.iter_mut().zip(indices.flux) {
         *value = row.optional(column)?.map_or(f64::NAN, |raw| raw * unit_tesla);
     }
-    Ok(LongRow {
-        key: row.text(indices.reading).to_owned(),
-        time_s: indices.time_s.map(|c| row.number(c)).transpose()?,
-        flux_tesla,
-        pose: Isometry3::from_parts(Translation3::from(position), exp_so3(&turn_rad)),
-        line: row.line(),
-    })
+    // Also where another row of the reading has its time.
+    indices.time_s.map(|column| row.number(column)).transpose()?;
+    Ok(Content { flux_tesla, pose: Isometry3::from_parts(Translation3::from(position), exp_so3(&turn_rad)) })
+}
+
+impl LongReader {
+    /// What comes next: a reading that was lost, or one that was read or refused.
+    fn next_recorded(&mut self) -> Result<Option<Recorded>, ModalityError> {
+        if self.lost.is_none() && self.waiting.is_none() {
+            self.waiting = self.next_group()?;
+        }
+        if let Some((readings, why)) = self.lost.take() {
+            self.output.sequence = self.output.sequence.saturating_add(u64::from(readings > 0));
+            let error = row_error(self.table.file(), why.line, why.message.clone());
+            self.lost = (readings > 1).then(|| (readings - 1, why));
+            return Ok(Some(Recorded::Skipped(error)));
+        }
+        let Some(group) = self.waiting.take() else { return Ok(None) };
+        match self.reading_of(&group) {
+            Ok(reading) => Ok(Some(Recorded::Reading(reading))),
+            Err(error) if self.output.passes_over(&error) => Ok(Some(Recorded::Skipped(error))),
+            Err(error) => Err(error),
+        }
+    }
 }
 
 impl Iterator for LongReader {
@@ -182,20 +315,8 @@ impl Iterator for LongReader {
         if self.failed {
             return None;
         }
-        let reading = match self.next_rows() {
-            Ok(None) => return self.bad_row.take().map(|error| Ok(Recorded::Skipped(error))),
-            Ok(Some(rows)) => self.reading_of(&rows),
-            Err(error) => Err(error),
-        };
-        Some(match reading {
-            Ok(reading) => Ok(Recorded::Reading(reading)),
-            Err(error) if self.output.passes_over(&error) => {
-                Ok(Recorded::Skipped(self.bad_row.take().unwrap_or(error)))
-            }
-            Err(error) => {
-                self.failed = true;
-                Err(error)
-            }
-        })
+        let next = self.next_recorded();
+        self.failed = next.is_err();
+        next.transpose()
     }
 }

@@ -6,6 +6,7 @@ use lumenav_magnetic::array::{Axes, SensorArray};
 use lumenav_magnetic::config::Magnet;
 use nalgebra::{Isometry3, Vector3};
 use proptest::prelude::*;
+use proptest::test_runner::FileFailurePersistence::WithSource;
 use std::path::Path;
 
 const HEAD: &str = "[array]\nname = \"a\"\nsource = \"test\"\nnoise_tesla = 1e-8\n";
@@ -245,7 +246,7 @@ fn regress_a_rotation_that_overflows_is_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: Some(Box::new(WithSource("regressions"))), ..ProptestConfig::default() })]
 
     #[test]
     fn law_no_array_file_panics_and_every_error_has_a_place(text in prop_oneof![

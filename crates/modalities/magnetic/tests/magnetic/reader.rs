@@ -7,6 +7,7 @@ use lumenav_magnetic::config::Installed;
 use lumenav_magnetic::reader::open;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
+use proptest::test_runner::FileFailurePersistence::WithSource;
 use std::io::Write as _;
 use std::path::Path;
 
@@ -264,6 +265,75 @@ fn law_bad_rows_of_the_long_layout_stop_or_are_counted() {
     assert_eq!(periodic[2].at(), SimTime(1_000_000_000));
 }
 
+/// Five readings of two rows each, half a second apart by their count.
+const PERIODIC: &str = "id,bx,by,bz,x,y,z,rx,ry,rz\n\
+    a,1,2,3,0,0,0,0,0,0\na,4,5,6,100,0,0,0,0,1\nb,1,2,3,0,0,0,0,0,0\nb,4,5,6,100,0,0,0,0,1\n\
+    c,1,2,3,0,0,0,0,0,0\nc,4,5,6,100,0,0,0,0,1\nd,1,2,3,0,0,0,0,0,0\nd,4,5,6,100,0,0,0,0,1\n\
+    e,1,2,3,0,0,0,0,0,0\ne,4,5,6,100,0,0,0,0,1\n";
+
+/// What is read of it by count with bad rows skipped: sequence and time of the readings, and what was passed over.
+fn periodic(text: &str) -> (Vec<(u64, i64)>, Vec<String>) {
+    let folder = Folder::new();
+    folder.write("long.csv", text);
+    let files = LONG_FILES
+        .replace("time_s = \"t\"", "period_s = 0.5")
+        .replace("[columns]", "bad_rows = \"skip\"\n[columns]");
+    let (mut readings, mut skipped) = (Vec::new(), Vec::new());
+    for item in folder.read(&files).unwrap() {
+        match item.unwrap() {
+            Recorded::Reading(reading) => readings.push((reading.sequence, reading.at().0 / 1_000_000)),
+            Recorded::Skipped(error) => skipped.push(error.to_string()),
+        }
+    }
+    (readings, skipped)
+}
+
+/// Readings that are placed by their count stay in their place, whatever is lost before them.
+#[test]
+fn law_lost_readings_of_the_long_layout_shift_nobody_in_time() {
+    let all = [(0, 0), (1, 500), (2, 1000), (3, 1500), (4, 2000)];
+    assert_eq!(periodic(PERIODIC), (all.to_vec(), Vec::new()));
+    let b = "b,1,2,3,0,0,0,0,0,0\nb,4,5,6,100,0,0,0,0,1\n";
+    let c = "c,1,2,3,0,0,0,0,0,0\nc,4,5,6,100,0,0,0,0,1\n";
+    let lost = |from: &str, to: &str, gone: &[usize], told: &[&str]| {
+        let (readings, skipped) = periodic(&PERIODIC.replacen(from, to, 1));
+        let left: Vec<_> = (0..5).filter(|i| !gone.contains(i)).map(|i| all[i]).collect();
+        assert_eq!(readings, left, "{to}");
+        assert_eq!(skipped.len(), told.len(), "{skipped:?}");
+        assert!(skipped.iter().zip(told).all(|(is, wanted)| is.contains(wanted)), "{skipped:?}");
+    };
+    // All rows bad: they name their reading, or they do not.
+    lost(b, "b,x,2,3,0,0,0,0,0,0\nb,y,5,6,100,0,0,0,0,1\n", &[1], &["csv:4: column `bx` holds `x`"]);
+    lost(b, "b,1,2\nb,4\n", &[1], &["csv:4: 3 cells"]);
+    lost(&format!("{b}{c}"), "b,1\nb,2\nc,3\nc,4\n", &[1, 2], &["csv:4: 2 cells", "csv:4: 2 cells"]);
+    lost(&format!("{b}{c}"), "b,1\nb,2,x\nc,1\n", &[1, 2], &["csv:4: 2 cells", "csv:4: 2 cells"]);
+    // A row that names nothing belongs to whom it is missing.
+    lost("b,4,5,6,100,0,0,0,0,1\n", "b,4\n", &[1], &["csv:5: 2 cells"]);
+    lost("b,1,2,3,0,0,0,0,0,0\n", "b,4\n", &[1], &["csv:4: 2 cells"]);
+    lost("6,100,0,0,0,0,1\nc,1,2,3,0,0,0,0,0,0\n", "6\nc\n", &[1, 2], &["csv:5: 4 cells", "csv:5: 4 cells"]);
+    // The first, the last.
+    let a = "a,1,2,3,0,0,0,0,0,0\na,4,5,6,100,0,0,0,0,1\n";
+    lost(a, "a\na\n", &[0], &["csv:2: 1 cells"]);
+    lost("e,1,2,3,0,0,0,0,0,0\ne,4,5,6,100,0,0,0,0,1\n", "e\ne\n", &[4], &["csv:10: 1 cells"]);
+}
+
+/// Time counts from the first reading, read or not, where its time can be.
+#[test]
+fn law_a_first_reading_that_is_passed_over_keeps_its_place_in_time() {
+    let folder = Folder::new();
+    folder.write("long.csv", &LONG.replacen("a,1,2,3,0,", "a,1,2,3,x,", 1));
+    let files = LONG_FILES.replace("[columns]", "bad_rows = \"skip\"\n[columns]");
+    let all = folder.read(&files).unwrap();
+    let times: Vec<_> = all
+        .into_iter()
+        .filter_map(|item| match item.unwrap() {
+            Recorded::Reading(reading) => Some(reading.at().0 / 1_000_000),
+            Recorded::Skipped(_) => None,
+        })
+        .collect();
+    assert_eq!(times, [500, 1000]);
+}
+
 /// A CSV text with cells replaced, rows cut or doubled.
 fn mutated(text: &'static str) -> impl Strategy<Value = String> {
     let lines = text.lines().count();
@@ -317,7 +387,7 @@ fn check(folder: &Folder, files: &str) -> Result<(), TestCaseError> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: Some(Box::new(WithSource("regressions"))), ..ProptestConfig::default() })]
 
     #[test]
     fn law_no_recorded_file_panics_and_every_error_has_a_place(
