@@ -19,7 +19,7 @@ impl Columns {
     }
 }
 
-/// The readings of 4.4 s at 10 Hz, without those between 1 and 3.9 s; that of 3.9 s is the flux of 1 s, and it arrives last.
+/// Readings at 20 Hz without those between 1 and 4 s and after 4.3 s; that of 3.9 s has the flux of 1 s and arrives last.
 fn holed(text: &str) -> String {
     let header = text.lines().next().expect("a header");
     let columns = Columns::of(header);
@@ -30,7 +30,7 @@ fn holed(text: &str) -> String {
     let mut late = rows[at(3.9)].clone();
     late[columns.flux..].clone_from_slice(&rows[at(1.0)][columns.flux..]);
     late[columns.arrival].clone_from(&rows[at(4.35)][columns.arrival]);
-    let kept = rows.iter().filter(|row| time_s(row) <= 1.01 || time_s(row) >= 3.99);
+    let kept = rows.iter().filter(|row| time_s(row) <= 1.01 || (3.99..4.31).contains(&time_s(row)));
     let lines: Vec<String> = kept.chain([&late]).map(|row| row.join(",")).collect();
     format!("{header}\n{}\n", lines.join("\n"))
 }

@@ -121,7 +121,7 @@ impl Store {
         if pending.count >= ROWS_PER_CHUNK || pending.bytes >= BYTES_PER_CHUNK {
             self.flush_entity(output, path)
         } else if pending.rows.len() >= ROWS_PER_PIECE {
-            pending.into_columns(path).map_err(|e| encode_error(path, &e))
+            pending.gather(path).map_err(|e| encode_error(path, &e))
         } else {
             Ok(())
         }
@@ -132,7 +132,7 @@ impl Store {
         let Some(mut pending) = self.pending.remove(path) else { return Ok(()) };
         let id = ChunkId::from_tuid(Tuid::from_nanos_and_inc(1, self.next_chunk));
         self.next_chunk += 1;
-        pending.into_columns(path).map_err(|e| encode_error(path, &e))?;
+        pending.gather(path).map_err(|e| encode_error(path, &e))?;
         let Some(chunk) = pending.columns else { return Ok(()) };
         let message = chunk.with_id(id).to_arrow_msg().map_err(|e| encode_error(path, &e))?;
         output.send(LogMsg::ArrowMsg(self.id.clone(), message))
@@ -147,7 +147,7 @@ impl Store {
 
 impl Pending {
     /// Puts the rows into columns, behind those that are there.
-    fn into_columns(&mut self, path: &EntityPath) -> ChunkResult<()> {
+    fn gather(&mut self, path: &EntityPath) -> ChunkResult<()> {
         if self.rows.is_empty() {
             return Ok(());
         }
@@ -186,8 +186,8 @@ mod tests {
             for i in 0..count {
                 let value = rerun::Scalars::single(0.5 * i as f64);
                 store.log(&mut output, &entity("plots/a"), at(i), &value).unwrap();
-                let waiting = &store.pending.get(&entity("plots/a")).map_or(0, |pending| pending.rows.len());
-                assert!(*waiting < ROWS_PER_PIECE, "{waiting} rows wait by themselves");
+                let waiting = store.pending.get(&entity("plots/a")).map_or(0, |pending| pending.rows.len());
+                assert!(waiting < ROWS_PER_PIECE, "{waiting} rows wait by themselves");
             }
             store.flush(&mut output).unwrap();
             output.finish().unwrap();
