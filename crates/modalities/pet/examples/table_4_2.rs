@@ -56,7 +56,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .to_vec();
     println!("{windows} windows of 720, {mode:?}, efficiency {efficiency}");
-    println!("scanner  cm   lines  than  ratio | true%  no-prompt%  than | scatter1 scatter2 prompt random % | ms/window");
+    println!(
+        "scanner  cm   lines  than  ratio | true%  no-prompt%  than | scatter1 scatter2 prompt random % | ms/window"
+    );
     for (scanner_name, column) in [("allegro", 0), ("reduced", 2)] {
         for (diameter_cm, row) in TABLE {
             if only_scanner.as_ref().is_some_and(|s| s != scanner_name)

@@ -161,9 +161,7 @@ impl Simulator {
             None => self.forced.window(physics, paths, window, &mut random, out),
         };
         if made {
-            out.sort_unstable_by(|a, b| {
-                a.line.t_s.total_cmp(&b.line.t_s).then(a.crystals.cmp(&b.crystals))
-            });
+            out.sort_unstable_by(|a, b| a.line.t_s.total_cmp(&b.line.t_s).then(a.crystals.cmp(&b.crystals)));
         } else {
             self.analog(start_s, duration_s, &mut random, out);
         }

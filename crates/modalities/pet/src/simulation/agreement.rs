@@ -22,7 +22,8 @@ impl Summary {
         self.windows += 1;
         for line in lines {
             let Some(along) = line.line.direction() else { continue };
-            let offset_m = |place_m: &Vector3<f64>| (place_m - line.line.ends_world_m[0]).cross(&along).norm();
+            let offset_m =
+                |place_m: &Vector3<f64>| (place_m - line.line.ends_world_m[0]).cross(&along).norm();
             let slot = match line.label.origin {
                 Origin::True => 0,
                 Origin::Scattered => 1,
@@ -63,7 +64,8 @@ impl Summary {
     /// Difference of two true fractions over its standard error.
     pub fn fraction_deviation(&self, other: &Self) -> f64 {
         let (p, q) = (self.true_fraction(), other.true_fraction());
-        let variance = p * (1.0 - p) / self.lines().max(1) as f64 + q * (1.0 - q) / other.lines().max(1) as f64;
+        let variance =
+            p * (1.0 - p) / self.lines().max(1) as f64 + q * (1.0 - q) / other.lines().max(1) as f64;
         (p - q) / variance.sqrt().max(f64::MIN_POSITIVE)
     }
 }

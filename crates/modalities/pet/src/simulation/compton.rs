@@ -72,11 +72,7 @@ pub fn scatter<R: Rng + ?Sized>(energy_ev: f64, random: &mut R) -> (f64, f64) {
 }
 
 /// A direction at an angle from another, turned about it at random.
-pub fn deflected<R: Rng + ?Sized>(
-    direction: &Vector3<f64>,
-    cos_angle: f64,
-    random: &mut R,
-) -> Vector3<f64> {
+pub fn deflected<R: Rng + ?Sized>(direction: &Vector3<f64>, cos_angle: f64, random: &mut R) -> Vector3<f64> {
     let ([x, y], square) = in_disc(random);
     // A point of the disc, drawn out to the circle: a turn without sine and cosine.
     let out = ((1.0 - cos_angle * cos_angle).max(0.0) / square).sqrt();
@@ -151,9 +147,8 @@ mod tests {
         for energy_ev in [5e3, 100e3, 511e3, 1274.5e3, 3e6] {
             let n = 20_000;
             let step = 2.0 / f64::from(n);
-            let sum: f64 = (0..n)
-                .map(|i| klein_nishina_m2_per_sr(energy_ev, -1.0 + (f64::from(i) + 0.5) * step))
-                .sum();
+            let sum: f64 =
+                (0..n).map(|i| klein_nishina_m2_per_sr(energy_ev, -1.0 + (f64::from(i) + 0.5) * step)).sum();
             let total = sum * step * std::f64::consts::TAU;
             assert!((total / klein_nishina_m2(energy_ev) - 1.0).abs() < 1e-6, "{energy_ev}");
         }

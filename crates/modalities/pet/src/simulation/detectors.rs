@@ -131,9 +131,15 @@ impl Detectors {
         let g = &scanner.grid;
         let corners = |block: usize| {
             let (w, l, d) = (g.half_width_m(), g.half_length_m(), g.depth_m);
-            [w, -w].into_iter().flat_map(move |h| {
-                [l, -l].into_iter().flat_map(move |z| [0.0, d].into_iter().map(move |depth| (h, z, depth)))
-            }).map(|(h, z, depth)| (block, h, z, depth)).collect::<Vec<_>>()
+            [w, -w]
+                .into_iter()
+                .flat_map(move |h| {
+                    [l, -l]
+                        .into_iter()
+                        .flat_map(move |z| [0.0, d].into_iter().map(move |depth| (h, z, depth)))
+                })
+                .map(|(h, z, depth)| (block, h, z, depth))
+                .collect::<Vec<_>>()
         };
         let mut axial_m = [f64::INFINITY, f64::NEG_INFINITY];
         let mut free_radius_m = f64::INFINITY;

@@ -107,8 +107,9 @@ impl Forced {
             self.indirect(physics, paths, (marker, photons), window, random, out);
         }
         self.randoms(physics, window, random, out);
-        let decays: f64 =
-            (0..physics.markers.len()).map(|m| physics.decay_rate_hz(m, window.start_s) * window.duration_s).sum();
+        let decays: f64 = (0..physics.markers.len())
+            .map(|m| physics.decay_rate_hz(m, window.start_s) * window.duration_s)
+            .sum();
         self.sample.thin(physics, decays / window.duration_s, random, out);
         true
     }
@@ -127,7 +128,8 @@ impl Forced {
         decays: usize,
         random: &mut RandomStream,
     ) {
-        let total_hz: f64 = (0..physics.markers.len()).map(|m| physics.decay_rate_hz(m, window.start_s)).sum();
+        let total_hz: f64 =
+            (0..physics.markers.len()).map(|m| physics.decay_rate_hz(m, window.start_s)).sum();
         let scanner = physics.detectors.scanner();
         let sample = &mut self.sample;
         sample.lone.clear();
@@ -167,8 +169,7 @@ impl Forced {
         sample.allowed = 0;
         for (i, a) in sample.lone.iter().enumerate() {
             for b in &sample.lone[..i] {
-                sample.allowed +=
-                    u64::from(scanner.can_coincide(usize::from(a.block), usize::from(b.block)));
+                sample.allowed += u64::from(scanner.can_coincide(usize::from(a.block), usize::from(b.block)));
             }
         }
     }
@@ -202,7 +203,14 @@ impl Forced {
                 continue;
             }
             self.first.clear();
-            physics.detectors.detect_from(aimed.block, photon, Kind::Annihilation, 0, random, &mut self.first);
+            physics.detectors.detect_from(
+                aimed.block,
+                photon,
+                Kind::Annihilation,
+                0,
+                random,
+                &mut self.first,
+            );
             self.number = self.number.wrapping_add(1);
             let name = (after_s, self.number, marker);
             self.first_singles.clear();
@@ -236,7 +244,9 @@ impl Forced {
             let from_m = place_m + physics.markers[marker].annihilation_offset_m(random);
             let direction = isotropic(random);
             let mut photon = Photon::emitted(from_m, direction, ANNIHILATION_EV);
-            let Some(scatterings) = physics.body.leave(&mut photon, random).filter(|n| *n > 0) else { continue };
+            let Some(scatterings) = physics.body.leave(&mut photon, random).filter(|n| *n > 0) else {
+                continue;
+            };
             self.first.clear();
             physics.detectors.detect(photon, Kind::Annihilation, scatterings, random, &mut self.first);
             if self.first.as_slice().is_empty() {
@@ -313,8 +323,9 @@ impl Forced {
         random: &mut RandomStream,
         out: &mut Vec<LabelledLine>,
     ) {
-        let decays: f64 =
-            (0..physics.markers.len()).map(|m| physics.decay_rate_hz(m, window.start_s) * window.duration_s).sum();
+        let decays: f64 = (0..physics.markers.len())
+            .map(|m| physics.decay_rate_hz(m, window.start_s) * window.duration_s)
+            .sum();
         let count = super::poisson(self.sample.random_lines(physics, decays, window.duration_s), random);
         let lone = &self.sample.lone;
         for _ in 0..count {
@@ -379,8 +390,7 @@ impl Sample {
         out: &mut Vec<LabelledLine>,
     ) {
         let detection = &physics.detectors.scanner().detection;
-        let undisturbed =
-            (-2.0 * decays_hz * self.singles_per_decay * detection.coincidence_window_s).exp();
+        let undisturbed = (-2.0 * decays_hz * self.singles_per_decay * detection.coincidence_window_s).exp();
         let columns = physics.detectors.scanner().grid.columns;
         let alive = |block: u32| {
             1.0 / (1.0 + decays_hz * self.by_block[block as usize] * detection.block_dead_time_s)

@@ -97,7 +97,8 @@ impl Isotope {
             return Err(file.error("an isotope without [[positron]] makes no lines of response"));
         }
         if whole.gamma.len() > MAX_GAMMAS {
-            let message = format!("{} gammas; allowed: the strongest {MAX_GAMMAS} at most", whole.gamma.len());
+            let message =
+                format!("{} gammas; allowed: the strongest {MAX_GAMMAS} at most", whole.gamma.len());
             return Err(file.error_at("gamma", &message));
         }
         let mut positrons = Vec::new();
@@ -191,7 +192,10 @@ pub(crate) mod tests {
         let square = draws.iter().map(|r| r * r).sum::<f64>() / n as f64;
         let s = 2e-4;
         assert!((mean / (2.0 * s) - 1.0).abs() < 5.0 * (0.5 / n as f64).sqrt(), "{mean}");
-        assert!((square / (6.0 * s * s) - 1.0).abs() < 5.0 * (120.0_f64 / 36.0 / n as f64).sqrt(), "{square}");
+        assert!(
+            (square / (6.0 * s * s) - 1.0).abs() < 5.0 * (120.0_f64 / 36.0 / n as f64).sqrt(),
+            "{square}"
+        );
         // Two branches: the mean of means.
         let ga68 = model("ga-68");
         let mean = (0..n).map(|_| ga68.range_m(&mut random)).sum::<f64>() / n as f64;

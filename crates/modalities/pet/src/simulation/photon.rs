@@ -176,8 +176,7 @@ mod tests {
     use lumenav_core::RandomStreams;
 
     fn water(centre_m: Vector3<f64>) -> Phantom {
-        let shape =
-            EllipticCylinder { centre_m, semi_axis_x_m: 0.1, semi_axis_y_m: 0.1, half_length_m: 0.1 };
+        let shape = EllipticCylinder { centre_m, semi_axis_x_m: 0.1, semi_axis_y_m: 0.1, half_length_m: 0.1 };
         Phantom::cylinder("water", shape, Material { name: "water".into(), attenuation_511_per_m: 9.58 })
     }
 

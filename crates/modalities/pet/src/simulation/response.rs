@@ -122,8 +122,8 @@ impl Response {
     }
 
     fn edge_of(&self, entry_m: &Vector3<f64>) -> usize {
-        let distance_m = (self.grid.half_width_m() - entry_m.x.abs())
-            .min(self.grid.half_length_m() - entry_m.y.abs());
+        let distance_m =
+            (self.grid.half_width_m() - entry_m.x.abs()).min(self.grid.half_length_m() - entry_m.y.abs());
         EDGES_M.iter().position(|end_m| distance_m < *end_m).unwrap_or(EDGES_M.len())
     }
 

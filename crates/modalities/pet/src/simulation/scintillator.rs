@@ -73,7 +73,8 @@ impl Scintillator {
             if (low..=high).contains(&value) {
                 Ok(())
             } else {
-                Err(node.error_at(key, &format!("{value} is no scintillator's; allowed: {low:e} to {high:e}")))
+                Err(node
+                    .error_at(key, &format!("{value} is no scintillator's; allowed: {low:e} to {high:e}")))
             }
         };
         within("electron_density_per_cm3", table.electron_density_per_cm3.0, ELECTRONS_PER_CM3)?;
@@ -99,8 +100,8 @@ impl Scintillator {
             // Below the first step nothing is looked up: photons end there.
             let energy_ev = STEP_EV * i.max(1) as f64;
             let compton = electron_density_per_m3 * klein_nishina_m2(energy_ev);
-            let photoelectric = photoelectric_511_per_m
-                * (ELECTRON_REST_ENERGY_EV / energy_ev).powf(photoelectric_exponent);
+            let photoelectric =
+                photoelectric_511_per_m * (ELECTRON_REST_ENERGY_EV / energy_ev).powf(photoelectric_exponent);
             [compton + photoelectric, compton]
         };
         Self {

@@ -167,7 +167,9 @@ impl Tabulated {
             let other = opposite(&direction, physics.acollinearity_sigma_rad, random);
             let mut second = Photon::emitted(place_m, other, ANNIHILATION_EV);
             let backwards_m = chord_m.map(|(near_m, far_m)| (-far_m, -near_m));
-            let Some(scatterings) = physics.body.leave_along(&mut second, backwards_m, random) else { continue };
+            let Some(scatterings) = physics.body.leave_along(&mut second, backwards_m, random) else {
+                continue;
+            };
             let Some((other_block, near_m)) = detectors.first_block(&second, &[]) else { continue };
             second.advance(near_m);
             let mut first = Photon::emitted(place_m, direction, ANNIHILATION_EV);
@@ -183,13 +185,17 @@ impl Tabulated {
                 let local = detectors.to_block(block, &photon).on_face();
                 self.response.draw(&local, given, random)
             };
-            let (Some(b_m), Some(a_m)) = (placed(other_block, second, 1.0), placed(block, first, most)) else {
+            let (Some(b_m), Some(a_m)) = (placed(other_block, second, 1.0), placed(block, first, most))
+            else {
                 continue;
             };
             if scatterings == 0 && random.random::<bool>() {
                 continue;
             }
-            let single = |block: usize, place_m: Vector3<f64>, scatterings: u32, random: &mut RandomStream| {
+            let single = |block: usize,
+                          place_m: Vector3<f64>,
+                          scatterings: u32,
+                          random: &mut RandomStream| {
                 self.single(physics, (block, place_m, scatterings), (after_s, number as u32, marker), random)
             };
             let (Some(a), Some(b)) =
@@ -266,14 +272,17 @@ impl Tabulated {
         let count = super::poisson(all * all * allowed * window_s / window.duration_s, random);
         let marker_of = |random: &mut RandomStream| {
             let mut level = random.random::<f64>() * all;
-            (0..physics.markers.len() - 1).find(|m| {
-                level -= lone_singles(*m);
-                level < 0.0
-            }).unwrap_or(physics.markers.len() - 1)
+            (0..physics.markers.len() - 1)
+                .find(|m| {
+                    level -= lone_singles(*m);
+                    level < 0.0
+                })
+                .unwrap_or(physics.markers.len() - 1)
         };
         for _ in 0..count {
             let markers = [marker_of(random), marker_of(random)];
-            let (Some(a), Some(b)) = (self.choose(markers[0], lone, random), self.choose(markers[1], lone, random))
+            let (Some(a), Some(b)) =
+                (self.choose(markers[0], lone, random), self.choose(markers[1], lone, random))
             else {
                 continue;
             };

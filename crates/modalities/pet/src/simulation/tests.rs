@@ -26,8 +26,7 @@ fn triangle(isotope: &str) -> Vec<SourceMarker> {
 }
 
 fn simulator(scanner: Scanner, water_cm: Option<u32>, mode: Mode) -> Simulator {
-    let phantom =
-        water_cm.map(|cm| Phantom::from_node(&open("phantoms", &format!("water-{cm}"))).unwrap());
+    let phantom = water_cm.map(|cm| Phantom::from_node(&open("phantoms", &format!("water-{cm}"))).unwrap());
     let crystal = scintillator::tests::model("gso");
     Simulator::new(scanner, crystal, phantom, triangle("na-22"), Settings { mode, ..Settings::default() })
 }

@@ -35,7 +35,10 @@ fn closed_form_share_of_photons_that_interact() {
     let total = model("gso").attenuation_per_m(ELECTRON_REST_ENERGY_EV)[0];
     let fill = 4.0 / 4.3 * 6.0 / 6.3;
     let expected = fill * (1.0 - (-total * 0.02).exp());
-    assert!((seen - expected).abs() < 4.0 * (expected * (1.0 - expected) / n as f64).sqrt(), "{seen} {expected}");
+    assert!(
+        (seen - expected).abs() < 4.0 * (expected * (1.0 - expected) / n as f64).sqrt(),
+        "{seen} {expected}"
+    );
 }
 
 #[test]
