@@ -82,7 +82,7 @@ pub struct Estimators {
 impl Estimators {
     /// For a set-up: its markers as installed, its scanner's line noise.
     pub fn new(set: &Set) -> Self {
-        let block = BlockNoise::of_scanner(&set.scanner, &set.scintillator, set.settings.end_points);
+        let block = BlockNoise::of_block(&set.scanner, &set.scintillator, set.settings.end_points);
         let noise = Arc::new(LineNoise::new(&set.scanner, &block, &SourceNoise::default()));
         Self { set: set.clone(), noise }
     }

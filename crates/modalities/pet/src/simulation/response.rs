@@ -1,8 +1,8 @@
 //! Responses of a block, tabulated: how often a photon of up to 511 keV is accepted, and where it is placed.
 //!
 //! The table is over energy, angle of incidence and distance of the entry from the block's nearest edge. Each cell is made by
-//! [`BlockPhysics::respond`] and the energy window, and keeps the places of accepted photons relative to the entry: along the
-//! photon's way on the face, across it, and in depth. Looked up, a place is turned into the photon's own way. Neglected: the phase of the
+//! [`BlockPhysics::respond`] and the energy window, and keeps the depths of accepted photons and how far beside their straight way they
+//! were placed, in its plane and across. Looked up, a place is put beside the photon's own way. Neglected: the phase of the
 //! entry on the pitch, the side on which the edge lies; a photon that enters through a side counts as one at the edge.
 
 use super::block::{BlockPhysics, passes_window};
@@ -15,10 +15,10 @@ use rand::RngExt as _;
 
 /// Cells over energy, the last one for 511 keV itself.
 const ENERGIES: usize = 9;
-/// Cells over the cosine of the angle of incidence.
-const COSINES: usize = 6;
-/// Cosines below this count as this: 66 degrees.
-const LEAST_COSINE: f64 = 0.4;
+/// Cells over the angle of incidence.
+const ANGLES: usize = 9;
+/// Angles beyond this count as this, rad: 67.5 degrees, 7.5 a cell.
+const LARGEST_RAD: f64 = 1.178_097_245_096_172_5;
 /// Ends of the cells over the distance from an edge, m: most photons that scatter stop within 10 mm.
 const EDGES_M: [f64; 2] = [3e-3, 9e-3];
 /// Photons per cell: the acceptance is known within 1 % of itself.
@@ -31,7 +31,7 @@ const PLACES: usize = 800;
 #[derive(Clone, Debug, Default)]
 struct Cell {
     accepted: f64,
-    /// Along, across, depth, m.
+    /// Beside the straight way in its plane and across, depth, m.
     places_m: Vec<[f32; 3]>,
 }
 
@@ -50,7 +50,7 @@ impl Response {
     pub fn new(scanner: &Scanner, physics: &BlockPhysics, kill_ev: f64) -> Self {
         let streams = RandomStreams::new(0, 0, "pet-tables");
         let mut table = Self { grid: scanner.grid, kill_ev, cells: Vec::new(), most_at_511: 0.0 };
-        for index in 0..ENERGIES * COSINES * (EDGES_M.len() + 1) {
+        for index in 0..ENERGIES * ANGLES * (EDGES_M.len() + 1) {
             let mut random = streams.stream("response", index as u64);
             let cell = table.fill(scanner, physics, index, &mut random);
             if index % ENERGIES == ENERGIES - 1 {
@@ -70,7 +70,7 @@ impl Response {
         random: &mut RandomStream,
     ) -> Cell {
         let (energy, rest) = (index % ENERGIES, index / ENERGIES);
-        let (cosine, edge) = (rest % COSINES, rest / COSINES);
+        let (angle, edge) = (rest % ANGLES, rest / ANGLES);
         let (mut cell, mut accepted) = (Cell::default(), 0);
         for _ in 0..PHOTONS {
             let energy_ev = if energy == ENERGIES - 1 {
@@ -79,8 +79,9 @@ impl Response {
                 let step_ev = (ELECTRON_REST_ENERGY_EV - self.kill_ev) / (ENERGIES - 1) as f64;
                 self.kill_ev + step_ev * (energy as f64 + random.random::<f64>())
             };
-            let cos = LEAST_COSINE
-                + (1.0 - LEAST_COSINE) / COSINES as f64 * (cosine as f64 + random.random::<f64>());
+            // Even in solid angle within the cell.
+            let [low, high] = [angle, angle + 1].map(|a| (a as f64 * LARGEST_RAD / ANGLES as f64).cos());
+            let cos = low + (high - low) * random.random::<f64>();
             let (sin, turn) = ((1.0 - cos * cos).sqrt(), std::f64::consts::TAU * random.random::<f64>());
             let direction = Vector3::new(sin * turn.cos(), sin * turn.sin(), cos);
             let entry = self.entry(edge, random);
@@ -93,8 +94,15 @@ impl Response {
                 }
                 let moved = deposit.place_block_m - entry;
                 let (c, s) = (turn.cos(), turn.sin());
+<<<<<<< HEAD
                 cell.places_m
                     .push([moved.x * c + moved.y * s, moved.y * c - moved.x * s, moved.z].map(|v| v as f32));
+=======
+                cell.places_m.push(
+                    [moved.x * c + moved.y * s - moved.z * sin / cos, moved.y * c - moved.x * s, moved.z]
+                        .map(|v| v as f32),
+                );
+>>>>>>> help-c
             }
         }
         cell.accepted = f64::from(accepted) / PHOTONS as f64;
@@ -126,15 +134,20 @@ impl Response {
 
     /// The cell of a photon that enters at a place (block coordinates).
     fn cell(&self, entry_m: &Vector3<f64>, cosine: f64, energy_ev: f64) -> &Cell {
+<<<<<<< HEAD
         let cosine = ((cosine - LEAST_COSINE) / (1.0 - LEAST_COSINE) * COSINES as f64)
             .clamp(0.0, COSINES as f64 - 1.0);
+=======
+        let angle = cosine.clamp(0.0, 1.0).acos() / LARGEST_RAD * ANGLES as f64;
+        let angle = (angle as usize).min(ANGLES - 1);
+>>>>>>> help-c
         let energy = if energy_ev > ELECTRON_REST_ENERGY_EV * (1.0 - 1e-9) {
             ENERGIES - 1
         } else {
             let part = (energy_ev - self.kill_ev) / (ELECTRON_REST_ENERGY_EV - self.kill_ev);
             ((part * (ENERGIES - 1) as f64).max(0.0) as usize).min(ENERGIES - 2)
         };
-        &self.cells[(self.edge_of(entry_m) * COSINES + cosine as usize) * ENERGIES + energy]
+        &self.cells[(self.edge_of(entry_m) * ANGLES + angle) * ENERGIES + energy]
     }
 
     /// Where a photon (block coordinates, at its entry) is placed; `None` where it is not accepted. `given` is the probability with which
@@ -148,6 +161,8 @@ impl Response {
             cell.places_m[random.random_range(0..cell.places_m.len())].map(f64::from);
         let (x, y) = (photon.direction.x, photon.direction.y);
         let sin = x.hypot(y);
+        // Nearly along the face the straight way has no end: as at the largest angle of the table.
+        let along_m = along_m + depth_m * sin / photon.direction.z.max(LARGEST_RAD.cos());
         let (c, s) = if sin > 0.0 { (x / sin, y / sin) } else { (1.0, 0.0) };
         Some(Vector3::new(
             photon.place_m.x + along_m * c - across_m * s,

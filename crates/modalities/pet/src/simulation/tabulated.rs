@@ -23,15 +23,16 @@ use nalgebra::Vector3;
 use rand::RngExt as _;
 use std::collections::BTreeMap;
 
-/// Distance between nodes of the background's table, m: half a capsule's usual way across the field of view has five.
-pub const SPACING_M: f64 = 0.05;
+/// Distance between nodes of the background's table, m. At 50 mm the curvature of the singles' rate over a water cylinder of 20 cm
+/// made a third too many randoms; the error falls with the square.
+pub const SPACING_M: f64 = 0.025;
 /// Decays of which a node's lines are made at a time.
 const BATCH_DECAYS: f64 = 1e6;
 /// A node has enough lines with this many (eight nodes mix), or after so many batches.
-const ENOUGH_LINES: usize = 100;
-const MOST_BATCHES: usize = 4;
+const ENOUGH_LINES: usize = 60;
+const MOST_BATCHES: usize = 3;
 /// Whole decays that a node's singles are made of.
-const NODE_DECAYS: usize = 20_000;
+const NODE_DECAYS: usize = 15_000;
 
 /// Background of a marker at one place.
 #[derive(Clone, Debug, Default)]
