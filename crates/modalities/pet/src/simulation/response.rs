@@ -94,15 +94,10 @@ impl Response {
                 }
                 let moved = deposit.place_block_m - entry;
                 let (c, s) = (turn.cos(), turn.sin());
-<<<<<<< HEAD
-                cell.places_m
-                    .push([moved.x * c + moved.y * s, moved.y * c - moved.x * s, moved.z].map(|v| v as f32));
-=======
                 cell.places_m.push(
                     [moved.x * c + moved.y * s - moved.z * sin / cos, moved.y * c - moved.x * s, moved.z]
                         .map(|v| v as f32),
                 );
->>>>>>> help-c
             }
         }
         cell.accepted = f64::from(accepted) / PHOTONS as f64;
@@ -134,13 +129,8 @@ impl Response {
 
     /// The cell of a photon that enters at a place (block coordinates).
     fn cell(&self, entry_m: &Vector3<f64>, cosine: f64, energy_ev: f64) -> &Cell {
-<<<<<<< HEAD
-        let cosine = ((cosine - LEAST_COSINE) / (1.0 - LEAST_COSINE) * COSINES as f64)
-            .clamp(0.0, COSINES as f64 - 1.0);
-=======
         let angle = cosine.clamp(0.0, 1.0).acos() / LARGEST_RAD * ANGLES as f64;
         let angle = (angle as usize).min(ANGLES - 1);
->>>>>>> help-c
         let energy = if energy_ev > ELECTRON_REST_ENERGY_EV * (1.0 - 1e-9) {
             ENERGIES - 1
         } else {
