@@ -191,7 +191,7 @@ mod tests {
         let motion = |t: f64| Isometry3::translation(0.1 * t * t, 0.0, 0.02 * t);
         paths.follow(&[marker(None)], &motion, 2.0, 0.05);
         for after_s in [0.0, 0.0123, 0.05] {
-            let expected = motion(2.0 + after_s) * nalgebra::Point3::new(-0.012, 0.0, 0.0);
+            let expected = motion(2.0 + after_s) * Point3::new(-0.012, 0.0, 0.0);
             assert!((paths.at(0, after_s) - expected.coords).norm() < 1e-7);
         }
         assert_eq!(paths.knots(0).count(), PIECES + 1);

@@ -330,7 +330,7 @@ mod tests {
     #[test]
     fn closed_form_the_fit_finds_the_mixture_that_it_was_drawn_from() {
         use rand_distr::{Distribution as _, StandardNormal};
-        let mut random = lumenav_core::RandomStreams::new(7, 0, "noise-test").stream("fit", 0);
+        let mut random = RandomStreams::new(7, 0, "noise-test").stream("fit", 0);
         let truth = BlockNoise::reference();
         let sample: Vec<Vector3<f64>> = (0..20_000)
             .map(|i| {
