@@ -516,7 +516,7 @@ fn law_what_is_printed_for_programs_is_json() {
         "helix"
     );
     assert_eq!(json(&["scenarios", "check", "scenarios/smoke/helix.toml", "--json"])[0]["ok"], true);
-    assert_eq!(json(&["models", "list", "--json"])[0]["model"], "capsules/magnet-10x10");
+    assert_eq!(json(&["models", "list", "--json"])[0]["model"], "capsules/hybrid");
     assert_eq!(
         json(&["models", "show", "sensor-arrays/belt-16", "--json"])["model"],
         "sensor-arrays/belt-16"

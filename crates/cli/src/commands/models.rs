@@ -5,9 +5,12 @@ use crate::args::{ModelsCommand, PluginsOptions};
 use crate::exit::WrongFiles;
 use anyhow::bail;
 use comfy_table::{Table, presets};
+use lumenav::anatomy::phantom::Phantom;
 use lumenav::anatomy::tract_file::{self, TractOptions};
 use lumenav::core::{ConfigError, Node, Registry};
 use lumenav::magnetic::array::SensorArray;
+use lumenav::pet::simulation::{Isotope, Scintillator};
+use lumenav::pet::{MarkerSet, Scanner};
 use lumenav::scenario::file::CapsuleModelTable;
 use serde::Serialize;
 use std::path::Path;
@@ -16,8 +19,15 @@ use std::path::Path;
 type Reader = fn(&Node) -> Result<String, ConfigError>;
 
 /// The kinds of models (folders below `models`) that this program can read.
-const KINDS: [(&str, Reader); 3] =
-    [("capsules", capsule), ("sensor-arrays", sensor_array), ("tracts", tract)];
+const KINDS: [(&str, Reader); 7] = [
+    ("capsules", capsule),
+    ("isotopes", isotope),
+    ("phantoms", phantom),
+    ("scanners", scanner),
+    ("scintillators", scintillator),
+    ("sensor-arrays", sensor_array),
+    ("tracts", tract),
+];
 
 /// Lists, shows or checks models.
 pub fn models(what: &ModelsCommand) -> anyhow::Result<()> {
@@ -95,7 +105,33 @@ fn sensor_array(node: &Node) -> Result<String, ConfigError> {
 
 fn capsule(node: &Node) -> Result<String, ConfigError> {
     let capsule: CapsuleModelTable = node.child_or_empty("capsule").parse()?;
-    Ok(format!("{} x {} mm, {} g", capsule.diameter_mm.0, capsule.length_mm.0, capsule.mass_g.0))
+    let size = format!("{} x {} mm, {} g", capsule.diameter_mm.0, capsule.length_mm.0, capsule.mass_g.0);
+    if node.children("marker").is_ok_and(|markers| !markers.is_empty()) {
+        let markers = MarkerSet::from_capsule(node, "models check", 1)?;
+        return Ok(format!("{size}, {} positron markers", markers.len()));
+    }
+    Ok(size)
+}
+
+fn isotope(node: &Node) -> Result<String, ConfigError> {
+    let isotope = Isotope::from_node(node)?;
+    let per_cent = 100.0 * isotope.positrons_per_decay();
+    Ok(format!("half-life {:.4e} s, {per_cent:.1} positrons per 100 decays", isotope.half_life_s))
+}
+
+fn phantom(node: &Node) -> Result<String, ConfigError> {
+    let phantom = Phantom::from_node(node)?;
+    Ok(format!("densest {:.4} /cm at 511 keV", 1e-2 * phantom.largest_attenuation_511_per_m()))
+}
+
+fn scanner(node: &Node) -> Result<String, ConfigError> {
+    let scanner = Scanner::from_node(node)?;
+    Ok(format!("{} blocks, {} crystals", scanner.blocks.len(), scanner.crystals()))
+}
+
+fn scintillator(node: &Node) -> Result<String, ConfigError> {
+    let [total, compton] = Scintillator::from_node(node)?.attenuation_per_m(511e3).map(|per_m| 1e-2 * per_m);
+    Ok(format!("{total:.3} /cm at 511 keV, {compton:.3} of it Compton"))
 }
 
 fn tract(node: &Node) -> Result<String, ConfigError> {

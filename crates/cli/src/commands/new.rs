@@ -12,14 +12,19 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 7] = [
+const SHIPPED: [(&str, &str); 12] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
+    ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
+    ("colon-pet", include_str!("../../../../scenarios/colon-pet.toml")),
     ("helix-magnetic", include_str!("../../../../scenarios/helix-magnetic.toml")),
+    ("helix-pet", include_str!("../../../../scenarios/helix-pet.toml")),
     ("matched-magnetic", include_str!("../../../../scenarios/matched-magnetic.toml")),
+    ("matched-pet", include_str!("../../../../scenarios/matched-pet.toml")),
     ("replay/magnet-patch", include_str!("../../../../scenarios/replay/magnet-patch.toml")),
     ("smoke/colon", include_str!("../../../../scenarios/smoke/colon.toml")),
     ("smoke/faults", include_str!("../../../../scenarios/smoke/faults.toml")),
     ("smoke/helix", include_str!("../../../../scenarios/smoke/helix.toml")),
+    ("smoke/pet", include_str!("../../../../scenarios/smoke/pet.toml")),
 ];
 
 /// Makes something new.
