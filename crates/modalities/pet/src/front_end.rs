@@ -179,7 +179,7 @@ impl PetFrontEnd {
     }
 
     /// The lines for a filter that holds a pose already.
-    fn lines_outcome(&mut self, reading: &Reading, prior: &Prior, tracked: Result<(), Failure>) -> Outcome {
+    fn lines_outcome(&mut self, reading: &Reading, prior: &Prior, tracked: &Result<(), Failure>) -> Outcome {
         if tracked.is_ok() && self.must_insist(prior) {
             self.insisting += 1;
             return self.pose_outcome(reading, Some(prior));
@@ -330,7 +330,7 @@ impl FrontEnd for PetFrontEnd {
         let prior = prior.map(prior_of);
         let tracked = self.tracker.track_into(&self.lines, prior.as_ref(), &mut self.tracked);
         Ok(match (self.output, &prior, tracked) {
-            (Output::Lines, Some(prior), tracked) => self.lines_outcome(reading, prior, tracked),
+            (Output::Lines, Some(prior), tracked) => self.lines_outcome(reading, prior, &tracked),
             (_, _, Ok(())) => self.pose_outcome(reading, prior.as_ref()),
             (_, _, Err(why)) => refused(&why.to_string()),
         })

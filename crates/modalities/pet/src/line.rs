@@ -36,6 +36,6 @@ mod tests {
         assert!(line(1e-6).direction().is_none());
         assert!(line(f64::NAN).direction().is_none());
         assert!(line(f64::INFINITY).direction().is_none());
-        assert_eq!(line(0.5).direction().map(|n| n.into_inner()), Some(Vector3::x()));
+        assert_eq!(line(0.5).direction().map(nalgebra::Unit::into_inner), Some(Vector3::x()));
     }
 }

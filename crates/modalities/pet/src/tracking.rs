@@ -13,6 +13,16 @@
 //! Conventions: error `[δp_world (m), δθ_capsule (rad)]` at the capsule's origin, right perturbation (`lumenav_core::pose`). No
 //! tracker ever answers with a pose that the window does not support: it returns a [`Failure`] that says why.
 
+#![allow(
+    clippy::inline_always,
+    clippy::needless_range_loop,
+    clippy::unused_self,
+    clippy::large_types_passed_by_value,
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "what is not a number fails a comparison, and `!(a > b)` says so; kernels over packs of four lines: a call that is not inlined there leaves the vector registers, and loops run over \
+              several arrays at once"
+)]
+
 mod body;
 pub mod budget;
 pub mod centroid;

@@ -1,5 +1,7 @@
 //! Recorded lines: written by hand, read back; what is wrong is reported with its line.
 
+#![allow(clippy::format_collect, reason = "rows of test files")]
+
 use lumenav_core::{
     CapsuleBody, ModalityError, ModelFolder, Name, Node, Reading, Recorded, Rows, Setup, SimTime,
 };
@@ -288,7 +290,7 @@ fn law_cut_files_are_never_taken_for_whole() {
         let is_whole = text[..cut].ends_with('\n');
         assert_eq!(failed, !is_whole, "{cut}: {:?}", &text[..cut]);
     }
-    folder.pack("whole.csv.gz", &text_of(&ROWS, ",").repeat(1).replace("180.125", "180.5"));
+    folder.pack("whole.csv.gz", &text_of(&ROWS, ",").clone().replace("180.125", "180.5"));
     let packed = std::fs::read(folder.0.path().join("whole.csv.gz")).unwrap();
     for cut in [packed.len() - 1, packed.len() / 2, 11, 3] {
         folder.write("cut.csv.gz", &packed[..cut]);

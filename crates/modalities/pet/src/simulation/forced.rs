@@ -175,6 +175,10 @@ impl Forced {
     }
 
     /// Lines with a direct photon, of so many photons of a marker.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "what one photon is made of; a struct of it would be taken apart at once"
+    )]
     pub fn direct(
         &mut self,
         physics: &Physics,

@@ -188,17 +188,17 @@ pub(crate) mod tests {
         let na22 = model("na-22");
         let n = 100_000;
         let draws: Vec<f64> = (0..n).map(|_| na22.range_m(&mut random)).collect();
-        let mean = draws.iter().sum::<f64>() / n as f64;
-        let square = draws.iter().map(|r| r * r).sum::<f64>() / n as f64;
+        let mean = draws.iter().sum::<f64>() / f64::from(n);
+        let square = draws.iter().map(|r| r * r).sum::<f64>() / f64::from(n);
         let s = 2e-4;
-        assert!((mean / (2.0 * s) - 1.0).abs() < 5.0 * (0.5 / n as f64).sqrt(), "{mean}");
+        assert!((mean / (2.0 * s) - 1.0).abs() < 5.0 * (0.5 / f64::from(n)).sqrt(), "{mean}");
         assert!(
-            (square / (6.0 * s * s) - 1.0).abs() < 5.0 * (120.0_f64 / 36.0 / n as f64).sqrt(),
+            (square / (6.0 * s * s) - 1.0).abs() < 5.0 * (120.0_f64 / 36.0 / f64::from(n)).sqrt(),
             "{square}"
         );
         // Two branches: the mean of means.
         let ga68 = model("ga-68");
-        let mean = (0..n).map(|_| ga68.range_m(&mut random)).sum::<f64>() / n as f64;
+        let mean = (0..n).map(|_| ga68.range_m(&mut random)).sum::<f64>() / f64::from(n);
         let expected = (0.877 * 3.5e-3 + 0.012 * 1.1e-3) / 0.889;
         assert!((mean / expected - 1.0).abs() < 0.015, "{mean} {expected}");
     }

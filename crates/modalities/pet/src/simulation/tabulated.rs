@@ -139,6 +139,10 @@ impl Tabulated {
     }
 
     /// True and scattered lines with a direct photon.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "what one photon is made of; a struct of it would be taken apart at once"
+    )]
     fn direct(
         &self,
         physics: &Physics,
@@ -210,6 +214,7 @@ impl Tabulated {
     }
 
     /// A photon that passed the energy window, read out.
+    #[expect(clippy::unused_self, reason = "stands among the steps of a table's photon")]
     fn single(
         &self,
         physics: &Physics,

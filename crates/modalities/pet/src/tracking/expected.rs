@@ -48,7 +48,7 @@ pub(super) fn of_line(shape: &Shapes, lane: usize, placed: &[Placed], background
     let mut information = Matrix6::zeros();
     for (place, marker) in places.iter().zip(placed) {
         for (precision, peak) in line.precision.iter().zip(line.peak) {
-            let Some(root) = precision.try_inverse().and_then(|c| c.cholesky()) else { continue };
+            let Some(root) = precision.try_inverse().and_then(nalgebra::Matrix::cholesky) else { continue };
             // The component's share: its peak over that of a normal law of this covariance.
             let share = marker.weight * peak * std::f64::consts::TAU / precision.determinant().sqrt();
             for (x, wx) in POINTS {

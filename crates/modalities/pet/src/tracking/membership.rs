@@ -135,7 +135,7 @@ fn one_pack<const J: usize, const OUTER: bool>(
     // Largest logarithm taken out, so that nothing overflows.
     let mut total = Four::ZERO;
     for log in &mut logs {
-        *log = *log + least;
+        *log += least;
         total += log.exp();
     }
     let log_total = total.ln();

@@ -95,7 +95,7 @@ fn closed_form_the_energy_blur_and_the_kill_energy() {
     let mut random = RandomStreams::new(9, 0, "block").stream("window", 0);
     let n = 40_000;
     let passed = (0..n).filter(|_| passes_window(&detection, ELECTRON_REST_ENERGY_EV, &mut random)).count();
-    assert!((passed as f64 / n as f64 - 0.9815).abs() < 0.004, "{passed}");
+    assert!((passed as f64 / f64::from(n) - 0.9815).abs() < 0.004, "{passed}");
 }
 
 #[test]
