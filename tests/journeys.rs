@@ -559,12 +559,12 @@ fn law_resolved_shows_every_key_with_origin_unit_and_source() {
 fn law_a_model_of_an_unknown_kind_is_an_error() {
     let folder = scratch();
     let models = folder.path().join("models");
-    std::fs::create_dir_all(models.join("scanners")).expect("a scratch folder");
-    std::fs::write(models.join("scanners/ring.toml"), "x = 1\n").expect("a scratch file");
+    std::fs::create_dir_all(models.join("receivers")).expect("a scratch folder");
+    std::fs::write(models.join("receivers/ring.toml"), "x = 1\n").expect("a scratch file");
     let message = complained(&["models", "check", "--models", path(&models)], 3);
-    assert!(message.contains("unknown kind of model `scanners`"), "{message}");
-    assert!(message.contains("capsules, sensor-arrays, tracts"), "{message}");
-    complained(&["models", "show", "scanners/ring", "--models", path(&models)], 3);
+    assert!(message.contains("unknown kind of model `receivers`"), "{message}");
+    assert!(message.contains("scintillators, sensor-arrays, tracts"), "{message}");
+    complained(&["models", "show", "receivers/ring", "--models", path(&models)], 3);
 }
 
 /// Recorded data: exact cylinder within 0.10 mm, dipole within 0.17 mm of the reference, which no estimator is told.
