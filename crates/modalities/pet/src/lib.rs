@@ -7,7 +7,7 @@
 //! | physics | [`scanner`] (blocks, crystals, index ↔ position), [`markers`], [`simulation`] (from decays to lines) |
 //! |---|---|
 //! | world | [`sensor`] |
-//! | estimators | [`line`], [`tracking`] (`fcm`, `rigid`, `mixture`), [`front_end`], [`model`] (lines as they are, for the filter) |
+//! | estimators | [`mod@line`], [`tracking`] (`fcm`, `rigid`, `mixture`), [`front_end`], [`model`] (lines as they are, for the filter) |
 //! | before an exam | [`planning`] (dose, activity, expected accuracy) |
 //! | files | [`config`], [`payload`], [`reader`] |
 //!

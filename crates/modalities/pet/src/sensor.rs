@@ -1,7 +1,7 @@
 //! The simulated scanner: truth in, lines of a window out.
 //!
 //! Window n is `[due(n), due(n) + window_ms]` and is handed over at its end. The capsule moves while it lasts: decays are placed by
-//! its pose at their own instants, taken from the truth at [`NODES`] instants and at constant twist between them. Misplacements are
+//! its pose at their own instants, taken from the truth at eleven instants and at constant twist between them. Misplacements are
 //! drawn once, from the stream `placement`; the decays of window n come from streams of its number, so that a window that is lost
 //! (stream `(loss, n)`) shifts no other.
 

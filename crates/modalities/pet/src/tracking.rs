@@ -7,8 +7,7 @@
 //! | [`mixture`] | likelihood of the pose: a component per marker, an explicit background, noise per line from the scanner | this project |
 //!
 //! Below them: [`window`] (lines made ready for the loops), [`noise`] (covariance of a line's offset from its marker), [`centroid`],
-//! [`initialize`], [`likelihood`] (value, gradient and observed information of a pose: what a tight filter update reads) and
-//! [`points`] (one or two sources that are not on one body).
+//! [`initialize`] and [`likelihood`] (value, gradient and observed information of a pose: what a tight filter update reads).
 //!
 //! Conventions: error `[δp_world (m), δθ_capsule (rad)]` at the capsule's origin, right perturbation (`lumenav_core::pose`). No
 //! tracker ever answers with a pose that the window does not support: it returns a [`Failure`] that says why.
