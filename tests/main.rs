@@ -2,6 +2,8 @@
 
 // Crates may know only what they may; estimators cannot reach the truth.
 mod architecture;
+// Every key of a source has its full reference.
+mod bibliography;
 // Bad input is refused with file, line, key; nothing half-written is left behind.
 mod bad_input;
 // Same scenario and seed, same bytes.

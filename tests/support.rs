@@ -49,6 +49,12 @@ impl Run {
         self
     }
 
+    /// Called from this folder.
+    pub fn here(mut self, folder: &Path) -> Self {
+        self.command.current_dir(folder);
+        self
+    }
+
     /// One more argument.
     pub fn arg(mut self, argument: impl AsRef<std::ffi::OsStr>) -> Self {
         self.command.arg(argument);

@@ -14,8 +14,7 @@ use lumenav::core::laws::{check_model, check_sensor_is_deterministic, check_unit
 use lumenav::core::pose::skew;
 use lumenav::core::{
     BlockSpec, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, MotionInput,
-    MotionSample, Name, Noise, NominalState, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime,
-    StateView,
+    MotionSample, Name, Noise, NominalState, Outcome, Part, PosePrior, Reading, Schema, SimTime, StateView,
 };
 use lumenav::fusion::{Eskf, EskfOptions, Filter as _, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
@@ -87,17 +86,7 @@ impl FrontEnd for GravityFrontEnd {
         if reading.payload.valid().contains(&false) {
             return Ok(Outcome::Refused { why: "an axis of the accelerometer is lost".into() });
         }
-        Ok(Outcome::Measured(vec![Measurement {
-            sensor: reading.sensor.clone(),
-            sequence: reading.sequence,
-            at: reading.at(),
-            arrival: reading.arrival,
-            since: None,
-            value: Arc::new(reading.payload.clone()),
-            model: self.0.clone(),
-            prior_use: PriorUse::None,
-            fix: None,
-        }]))
+        Ok(Outcome::Measured(vec![Measurement::of_reading(reading, self.0.clone())]))
     }
 }
 
@@ -186,9 +175,9 @@ fn law_gravity_model_derivatives_and_units() {
 #[test]
 fn law_gyroscope_and_accelerometer_are_deterministic() {
     super::world::with_truth(|truth| {
-        check_sensor_is_deterministic(&|| Box::new(super::world::GyroSensor::new()), truth, "gyro", 20)?;
+        check_sensor_is_deterministic(&|| super::world::sensor(super::world::Gyro), truth, "gyro", 20)?;
         check_sensor_is_deterministic(
-            &|| Box::new(super::world::AccelerometerSensor::new()),
+            &|| super::world::sensor(super::world::Accelerometer),
             truth,
             "force",
             20,

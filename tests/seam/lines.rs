@@ -20,8 +20,8 @@ use lumenav::core::laws::{check_information, check_model, check_sensor_is_determ
 use lumenav::core::pose::{exp_so3, oplus, skew};
 use lumenav::core::{
     Column, ColumnSpec, Frame, FrontEnd, Instant, Linearization, Measurement, MeasurementModel,
-    ModalityError, NominalState, Outcome, Part, PosePrior, PriorUse, RandomStreams, Reading, Rows, Schema,
-    SimTime, StateView,
+    ModalityError, NominalState, Outcome, Part, PosePrior, RandomStreams, Reading, Rows, Schema, SimTime,
+    StateView,
 };
 use lumenav::evaluation::consistency::across_runs::{AcrossRunsSummary, NeesAcrossRuns};
 use lumenav::evaluation::consistency::quadratic_form;
@@ -176,17 +176,7 @@ impl FrontEnd for LineFrontEnd {
         if reading.payload.rows() == 0 {
             return Ok(Outcome::Nothing);
         }
-        Ok(Outcome::Measured(vec![Measurement {
-            sensor: reading.sensor.clone(),
-            sequence: reading.sequence,
-            at: reading.at(),
-            arrival: reading.arrival,
-            since: None,
-            value: Arc::new(reading.payload.clone()),
-            model: self.0.clone(),
-            prior_use: PriorUse::None,
-            fix: None,
-        }]))
+        Ok(Outcome::Measured(vec![Measurement::of_reading(reading, self.0.clone())]))
     }
 }
 
@@ -274,7 +264,7 @@ fn law_line_sensor_is_deterministic() {
     let model = model(&document());
     super::world::with_truth(|truth| {
         check_sensor_is_deterministic(
-            &|| Box::new(super::world::LineSensor::new(model.clone(), 50)),
+            &|| super::world::sensor(super::world::Lines { model: model.clone(), count: 50 }),
             truth,
             "lines",
             10,

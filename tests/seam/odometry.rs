@@ -79,15 +79,9 @@ impl FrontEnd for OdometryFrontEnd {
         let (since, at) = reading.interval;
         self.key_frame = at;
         Ok(Outcome::Measured(vec![Measurement {
-            sensor: reading.sensor.clone(),
-            sequence: reading.sequence,
             at,
-            arrival: reading.arrival,
             since: Some(since),
-            value: Arc::new(reading.payload.clone()),
-            model: self.model.clone(),
-            prior_use: PriorUse::None,
-            fix: None,
+            ..Measurement::of_reading(reading, self.model.clone())
         }]))
     }
 
@@ -234,12 +228,7 @@ fn law_relative_pose_model_derivatives_and_units() {
 #[test]
 fn law_odometry_sensor_is_deterministic() {
     super::world::with_truth(|truth| {
-        check_sensor_is_deterministic(
-            &|| Box::new(super::world::OdometrySensor::new()),
-            truth,
-            "odometry",
-            20,
-        )
+        check_sensor_is_deterministic(&|| super::world::sensor(super::world::Odometry), truth, "odometry", 20)
     })
     .unwrap();
 }

@@ -12,7 +12,7 @@ use lumenav::core::config::quantity::Positive;
 use lumenav::core::laws::{check_model, check_sensor_is_deterministic, check_units};
 use lumenav::core::{
     BlockSpec, FrontEnd, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Name, Noise,
-    NominalState, Outcome, Part, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
+    NominalState, Outcome, Part, PosePrior, Reading, Schema, SimTime, StateView,
 };
 use lumenav::fusion::{Eskf, EskfOptions, Filter as _, Verdict};
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
@@ -59,17 +59,7 @@ struct RangeFrontEnd(Arc<RangeModel>);
 
 impl FrontEnd for RangeFrontEnd {
     fn process(&mut self, reading: &Reading, _prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
-        Ok(Outcome::Measured(vec![Measurement {
-            sensor: reading.sensor.clone(),
-            sequence: reading.sequence,
-            at: reading.at(),
-            arrival: reading.arrival,
-            since: None,
-            value: Arc::new(reading.payload.clone()),
-            model: self.0.clone(),
-            prior_use: PriorUse::None,
-            fix: None,
-        }]))
+        Ok(Outcome::Measured(vec![Measurement::of_reading(reading, self.0.clone())]))
     }
 
     fn blocks(&self) -> Vec<BlockSpec> {
@@ -181,7 +171,7 @@ fn law_range_sensor_is_deterministic() {
     let anchors = model(&document()).anchors_world_m.clone();
     super::world::with_truth(|truth| {
         check_sensor_is_deterministic(
-            &|| Box::new(super::world::RangeSensor::new(anchors.clone())),
+            &|| super::world::sensor(super::world::Ranges { anchors_world_m: anchors.clone() }),
             truth,
             "ranges",
             20,

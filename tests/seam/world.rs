@@ -6,8 +6,8 @@ use super::lines::LineModel;
 use super::{gyro, instant, lines, odometry, ranges, reading};
 use lumenav::core::pose::{exp_so3, log_so3};
 use lumenav::core::{
-    CapsuleTruth, Column, Frame, ModalityError, Observation, RandomStream, RandomStreams, Sensor, SimTime,
-    TruthView,
+    CapsuleTruth, Column, Frame, ModalityError, Observation, RandomStream, RandomStreams, Reading, Sensor,
+    SimTime, TruthView,
 };
 use nalgebra::{Isometry3, Translation3, Vector3};
 use rand::RngExt as _;
@@ -43,7 +43,7 @@ impl TruthView for Circle {
             specific_force_capsule_m_s2: rotation.inverse() * -gyro::GRAVITY_WORLD_M_S2,
             arc_length_m: None,
             segment: None,
-            wall_force_n: 0.0,
+            wall_force_n: None,
         }
     }
 
@@ -64,36 +64,33 @@ fn normal3(stream: &mut RandomStream) -> Vector3<f64> {
 /// Period of every witness's sensor, ns.
 const PERIOD_NS: i64 = 50_000_000;
 
-/// Counts readings at [`PERIOD_NS`].
-#[derive(Default)]
-struct Counter(u64);
+/// What a witness's sensor sees of the truth. `noise` is its own stream of this reading, `sequence` counts readings.
+pub(super) trait Look: Send {
+    /// Whether it looks at the period that ends now, not at the instant.
+    const LOOKS_BACK: bool;
 
-impl Counter {
-    fn due(&self) -> SimTime {
-        SimTime(PERIOD_NS * (self.0 as i64 + 1))
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 += 1;
-        self.0 - 1
-    }
+    fn look(
+        &self,
+        truth: &dyn TruthView,
+        at: SimTime,
+        sequence: u64,
+        noise: RandomStream,
+    ) -> Result<Observation, ModalityError>;
 }
 
-/// Ranges of 2 mm to anchors.
-pub(super) struct RangeSensor {
-    anchors_world_m: Vec<Vector3<f64>>,
-    counter: Counter,
+/// A sensor that looks every [`PERIOD_NS`].
+struct Periodic<L> {
+    look: L,
+    sequence: u64,
 }
 
-impl RangeSensor {
-    pub(super) fn new(anchors_world_m: Vec<Vector3<f64>>) -> Self {
-        Self { anchors_world_m, counter: Counter::default() }
-    }
-}
-
-impl Sensor for RangeSensor {
+impl<L: Look> Sensor for Periodic<L> {
     fn next_due(&self) -> SimTime {
-        self.counter.due()
+        SimTime(PERIOD_NS * (self.sequence as i64 + 1))
+    }
+
+    fn look_back_ns(&self) -> i64 {
+        if L::LOOKS_BACK { PERIOD_NS } else { 0 }
     }
 
     fn observe(
@@ -102,45 +99,59 @@ impl Sensor for RangeSensor {
         at: SimTime,
         random: &RandomStreams,
     ) -> Result<Option<Observation>, ModalityError> {
-        let sequence = self.counter.next();
-        let mut noise = random.stream("noise", sequence);
+        let sequence = self.sequence;
+        self.sequence += 1;
+        self.look.look(truth, at, sequence, random.stream("noise", sequence)).map(Some)
+    }
+}
+
+/// A witness's sensor.
+pub(super) fn sensor(look: impl Look + 'static) -> Box<dyn Sensor> {
+    Box::new(Periodic { look, sequence: 0 })
+}
+
+fn unlabelled(reading: Reading) -> Result<Observation, ModalityError> {
+    Ok(Observation { reading, labels: None })
+}
+
+/// Ranges of 2 mm to anchors.
+pub(super) struct Ranges {
+    pub(super) anchors_world_m: Vec<Vector3<f64>>,
+}
+
+impl Look for Ranges {
+    const LOOKS_BACK: bool = false;
+
+    fn look(
+        &self,
+        truth: &dyn TruthView,
+        at: SimTime,
+        sequence: u64,
+        mut noise: RandomStream,
+    ) -> Result<Observation, ModalityError> {
         let position = truth.capsule(at).world_from_capsule.translation.vector;
         let mut range_m = |anchor: &Vector3<f64>| {
             let error: f64 = StandardNormal.sample(&mut noise);
             (position - anchor).norm() + 2e-3 * error
         };
         let values: Vec<f64> = self.anchors_world_m.iter().map(&mut range_m).collect();
-        let reading = instant("ranges", sequence, at, &ranges::schema(values.len()), &values);
-        Ok(Some(Observation { reading, labels: None }))
+        unlabelled(instant("ranges", sequence, at, &ranges::schema(values.len()), &values))
     }
 }
 
 /// Relative pose since the last reading.
-pub(super) struct OdometrySensor(Counter);
+pub(super) struct Odometry;
 
-impl OdometrySensor {
-    pub(super) fn new() -> Self {
-        Self(Counter::default())
-    }
-}
+impl Look for Odometry {
+    const LOOKS_BACK: bool = true;
 
-impl Sensor for OdometrySensor {
-    fn next_due(&self) -> SimTime {
-        self.0.due()
-    }
-
-    fn look_back_ns(&self) -> i64 {
-        PERIOD_NS
-    }
-
-    fn observe(
-        &mut self,
+    fn look(
+        &self,
         truth: &dyn TruthView,
         at: SimTime,
-        random: &RandomStreams,
-    ) -> Result<Option<Observation>, ModalityError> {
-        let sequence = self.0.next();
-        let mut noise = random.stream("noise", sequence);
+        sequence: u64,
+        mut noise: RandomStream,
+    ) -> Result<Observation, ModalityError> {
         let since = at - PERIOD_NS;
         let relative =
             truth.capsule(since).world_from_capsule.inverse() * truth.capsule(at).world_from_capsule;
@@ -149,20 +160,7 @@ impl Sensor for OdometrySensor {
         let values: Vec<f64> = turn.iter().chain(moved.iter()).copied().collect();
         let mut reading = instant("odometry", sequence, at, &odometry::schema(), &values);
         reading.interval.0 = since;
-        Ok(Some(Observation { reading, labels: None }))
-    }
-}
-
-/// Lines of response of a window, and beside them which marker each came from.
-pub(super) struct LineSensor {
-    model: LineModel,
-    count: usize,
-    counter: Counter,
-}
-
-impl LineSensor {
-    pub(super) fn new(model: LineModel, count: usize) -> Self {
-        Self { model, count, counter: Counter::default() }
+        unlabelled(reading)
     }
 }
 
@@ -186,91 +184,67 @@ pub(super) fn draw_line(
     (at + e1 * blur.x + e2 * blur.y, direction, marker)
 }
 
-impl Sensor for LineSensor {
-    fn next_due(&self) -> SimTime {
-        self.counter.due()
-    }
+/// Lines of response of a window, and beside them which marker each came from.
+pub(super) struct Lines {
+    pub(super) model: LineModel,
+    pub(super) count: usize,
+}
 
-    fn look_back_ns(&self) -> i64 {
-        PERIOD_NS
-    }
+impl Look for Lines {
+    const LOOKS_BACK: bool = true;
 
-    fn observe(
-        &mut self,
+    fn look(
+        &self,
         truth: &dyn TruthView,
         at: SimTime,
-        random: &RandomStreams,
-    ) -> Result<Option<Observation>, ModalityError> {
-        let sequence = self.counter.next();
-        let mut stream = random.stream("lines", sequence);
+        sequence: u64,
+        mut noise: RandomStream,
+    ) -> Result<Observation, ModalityError> {
         let interval = (at - PERIOD_NS, at);
         let pose = truth.capsule(SimTime::middle(interval)).world_from_capsule;
-        let drawn: Vec<_> = (0..self.count).map(|_| draw_line(&self.model, &pose, &mut stream)).collect();
+        let drawn: Vec<_> = (0..self.count).map(|_| draw_line(&self.model, &pose, &mut noise)).collect();
         let lines: Vec<_> = drawn.iter().map(|(point, direction, _)| (*point, *direction)).collect();
         let markers = vec![Column::U32(drawn.iter().map(|line| line.2).collect())];
         let labels = Frame::new(lines::label_schema(), markers, vec![true; self.count])?;
         let reading = reading("lines", sequence, interval, lines::frame(&lines));
-        Ok(Some(Observation { reading, labels: Some(labels) }))
+        Ok(Observation { reading, labels: Some(labels) })
     }
 }
 
 /// A gyroscope's mean rate over the period.
-pub(super) struct GyroSensor(Counter);
+pub(super) struct Gyro;
 
-impl GyroSensor {
-    pub(super) fn new() -> Self {
-        Self(Counter::default())
-    }
-}
+impl Look for Gyro {
+    const LOOKS_BACK: bool = true;
 
-impl Sensor for GyroSensor {
-    fn next_due(&self) -> SimTime {
-        self.0.due()
-    }
-
-    fn look_back_ns(&self) -> i64 {
-        PERIOD_NS
-    }
-
-    fn observe(
-        &mut self,
+    fn look(
+        &self,
         truth: &dyn TruthView,
         at: SimTime,
-        random: &RandomStreams,
-    ) -> Result<Option<Observation>, ModalityError> {
-        let sequence = self.0.next();
-        let mut noise = random.stream("noise", sequence);
+        sequence: u64,
+        mut noise: RandomStream,
+    ) -> Result<Observation, ModalityError> {
         let rate = truth.capsule(at - PERIOD_NS / 2).angular_rate_capsule_rad_s + 0.02 * normal3(&mut noise);
         let mut reading = instant("gyro", sequence, at, &gyro::gyro_schema(), rate.as_slice());
         reading.interval.0 = at - PERIOD_NS;
-        Ok(Some(Observation { reading, labels: None }))
+        unlabelled(reading)
     }
 }
 
 /// An accelerometer's specific force.
-pub(super) struct AccelerometerSensor(Counter);
+pub(super) struct Accelerometer;
 
-impl AccelerometerSensor {
-    pub(super) fn new() -> Self {
-        Self(Counter::default())
-    }
-}
+impl Look for Accelerometer {
+    const LOOKS_BACK: bool = false;
 
-impl Sensor for AccelerometerSensor {
-    fn next_due(&self) -> SimTime {
-        self.0.due()
-    }
-
-    fn observe(
-        &mut self,
+    fn look(
+        &self,
         truth: &dyn TruthView,
         at: SimTime,
-        random: &RandomStreams,
-    ) -> Result<Option<Observation>, ModalityError> {
-        let sequence = self.0.next();
-        let mut noise = random.stream("noise", sequence);
+        sequence: u64,
+        mut noise: RandomStream,
+    ) -> Result<Observation, ModalityError> {
         let force = truth.capsule(at).specific_force_capsule_m_s2 + 0.05 * normal3(&mut noise);
-        let reading = instant("accelerometer", sequence, at, &gyro::accelerometer_schema(), force.as_slice());
-        Ok(Some(Observation { reading, labels: None }))
+        unlabelled(instant("accelerometer", sequence, at, &gyro::accelerometer_schema(), force.as_slice()))
     }
 }

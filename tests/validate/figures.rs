@@ -1,13 +1,14 @@
 //! Small sums over what runs leave.
 
 use lumenav::evaluation::trajectory::Trajectory;
-use lumenav::report::{read_arc_length, read_tum};
+use lumenav::records::tum;
+use lumenav::report::read_arc_length;
 use std::path::Path;
 
 /// A TUM file as a trajectory.
 pub fn trajectory(path: &Path) -> Result<Trajectory, String> {
-    let poses = read_tum(path).map_err(|e| e.to_string())?;
-    let (stamps, poses) = poses.iter().map(|p| (p.at.seconds(), p.world_from_capsule)).unzip();
+    let poses = tum::read(path).map_err(|e| e.to_string())?;
+    let (stamps, poses) = poses.iter().map(|(at, pose)| (at.seconds(), *pose)).unzip();
     Trajectory::new(stamps, poses).map_err(|e| format!("{}: {e}", path.display()))
 }
 

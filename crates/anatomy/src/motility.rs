@@ -312,6 +312,11 @@ impl Motility {
         source
     }
 
+    /// The scheduled waves, in the order in which they start; none where the amplitude is scaled to 0.
+    pub fn scheduled(&self) -> &[Wave] {
+        if self.amplitude_scale > 0.0 { &self.scheduled } else { &[] }
+    }
+
     /// The waves that run now, in the order in which they started.
     pub fn active(&self) -> &[Wave] {
         &self.active

@@ -316,7 +316,7 @@ pub enum ModelsCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Show a model: kind/name.
+    /// Show a model: kind/name, or its name alone.
     Show {
         /// For example sensor-arrays/belt-16.
         model: String,

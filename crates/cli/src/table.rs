@@ -9,37 +9,73 @@ fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
 }
 
-fn new_table(header: &[&str]) -> Table {
+/// Columns of a terminal that is not known (a pipe, a file).
+const USUAL_COLUMNS: u16 = 80;
+
+/// A table that fits the terminal: long cells are folded.
+pub fn fitting(preset: &str) -> Table {
     let mut table = Table::new();
-    table.load_preset(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header(header);
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
+    table.load_preset(preset).set_content_arrangement(ContentArrangement::Dynamic);
+    if table.width().is_none() {
+        table.set_width(USUAL_COLUMNS);
     }
     table
 }
 
-/// A row per track: position error, heading, availability, NEES, verdict.
+/// A figure per row, a track per column: a few tracks fit any terminal, a dozen figures would not.
+struct Figures {
+    names: Vec<String>,
+    rows: Vec<(&'static str, Vec<String>)>,
+}
+
+impl Figures {
+    fn new(names: Vec<String>, labels: &[&'static str]) -> Self {
+        Self { names, rows: labels.iter().map(|label| (*label, Vec::new())).collect() }
+    }
+
+    /// The figures of the next track, in the order of the labels.
+    fn add<const N: usize>(&mut self, figures: [String; N]) {
+        debug_assert_eq!(N, self.rows.len(), "a figure for each label");
+        for ((_, row), figure) in self.rows.iter_mut().zip(figures) {
+            row.push(figure);
+        }
+    }
+
+    fn table(self) -> String {
+        let mut table = fitting(presets::UTF8_HORIZONTAL_ONLY);
+        table.set_header(std::iter::once("track".to_owned()).chain(self.names));
+        for (label, row) in self.rows {
+            table.add_row(std::iter::once(label.to_owned()).chain(row));
+        }
+        for column in table.column_iter_mut().skip(1) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        table.to_string()
+    }
+}
+
+/// A column per track: position error, heading, availability, NEES; then the verdicts.
 pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
-    let mut table = new_table(&[
-        "track",
-        "mean mm",
-        "median",
-        "p95",
-        "max",
-        "heading deg",
-        "available",
-        "NEES/dof",
-        "rmse/bound",
-        "updates",
-        "us/update",
-    ]);
+    let mut figures = Figures::new(
+        metrics.tracks.keys().cloned().collect(),
+        &[
+            "mean mm",
+            "median mm",
+            "p95 mm",
+            "max mm",
+            "heading deg",
+            "available",
+            "NEES/dof",
+            "rmse/bound",
+            "updates",
+            "us/update",
+        ],
+    );
     for (name, t) in &metrics.tracks {
         let p = t.position_error_mm.as_ref();
         let per_update =
             timing.and_then(|all| all.tracks.get(name)).and_then(|x| x.update_ms).map(|s| 1e3 * s.mean);
-        table.add_row(vec![
-            name.clone(),
+        figures.add([
             number(p.map(|s| s.mean), 3),
             number(p.map(|s| s.median), 3),
             number(p.map(|s| s.p95), 3),
@@ -52,7 +88,7 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
             number(per_update, 1),
         ]);
     }
-    let mut text = table.to_string();
+    let mut text = figures.table();
     for (name, t) in &metrics.tracks {
         if let Some(verdict) = &t.verdict {
             text = format!("{text}\n{name}: {verdict}");
@@ -75,27 +111,28 @@ fn refusals(track: &TrackMetrics) -> Option<String> {
 
 /// Means over trials with 95 % intervals, then the comparisons in words.
 pub fn of_trials(trials: &Trials) -> String {
-    let mut table = new_table(&[
-        "track",
-        "trials",
-        "mean mm (95 %)",
-        "rmse mm (95 %)",
-        "worst mm",
-        "available (worst)",
-        "NEES/dof",
-        "steps in band",
-        "in 90 % region",
-    ]);
+    let mut figures = Figures::new(
+        trials.tracks.keys().cloned().collect(),
+        &[
+            "trials",
+            "mean mm (95 %)",
+            "rmse mm (95 %)",
+            "worst mm",
+            "available (worst)",
+            "NEES/dof",
+            "steps in band",
+            "in 90 % region",
+        ],
+    );
     let with_interval = |m: &Option<MeanInterval>| {
         m.as_ref()
             .map_or_else(|| "-".to_owned(), |m| format!("{:.3} ({:.3} to {:.3})", m.mean, m.lower, m.upper))
     };
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let dash = || "-".to_owned();
-    for (name, t) in &trials.tracks {
+    for t in trials.tracks.values() {
         let across = t.nees.as_ref().map(|n| &n.across);
-        table.add_row(vec![
-            name.clone(),
+        figures.add([
             t.trials.to_string(),
             with_interval(&t.mean_error_mm),
             with_interval(&t.rmse_mm),
@@ -106,7 +143,7 @@ pub fn of_trials(trials: &Trials) -> String {
             across.map_or_else(dash, |a| percent(a.coverage_90)),
         ]);
     }
-    let mut text = table.to_string();
+    let mut text = figures.table();
     for (name, t) in &trials.tracks {
         if let Some(verdict) = &t.verdict {
             text = format!("{text}\n{name}: {verdict}");
@@ -121,13 +158,15 @@ pub fn of_trials(trials: &Trials) -> String {
 /// A reproduction: settings, a row per published number, the reasons, the notes.
 pub fn of_reproduction(reproduced: &reproduce::Table) -> String {
     let head = reproduced.head();
-    let mut table = new_table(&head.iter().map(String::as_str).collect::<Vec<_>>());
+    let mut table = fitting(presets::UTF8_HORIZONTAL_ONLY);
+    let text_columns = [0, 1, head.len() - 2, head.len() - 1];
+    table.set_header(head);
     for cells in reproduced.cells() {
         table.add_row(cells);
     }
-    for left in [1, head.len() - 2, head.len() - 1] {
-        if let Some(column) = table.column_mut(left) {
-            column.set_cell_alignment(CellAlignment::Left);
+    for (index, column) in table.column_iter_mut().enumerate() {
+        if !text_columns.contains(&index) {
+            column.set_cell_alignment(CellAlignment::Right);
         }
     }
     let mut text = format!("{} ({})", reproduced.id, reproduced.source);
@@ -142,4 +181,24 @@ pub fn of_reproduction(reproduced: &reproduce::Table) -> String {
         text = format!("{text}\nnote: {note}");
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_tables_fit_eighty_columns_where_the_terminal_is_unknown() {
+        let names = ["magnetic", "magnetic-eskf", "a-track-with-a-long-name"].map(str::to_owned);
+        let mut figures = Figures::new(names.to_vec(), &["mean mm (95 %)", "available (worst)"]);
+        for _ in &names {
+            figures.add(["0.281 (0.279 to 0.283)".to_owned(), "100.0 % (99.9 %)".to_owned()]);
+        }
+        let table = figures.table();
+        assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
+        let mut list = fitting(presets::NOTHING);
+        let sentence = "a long sentence ".repeat(20);
+        list.add_row(["tracts/colon", sentence.as_str()]);
+        assert!(list.to_string().lines().all(|line| line.chars().count() <= 80), "{list}");
+    }
 }

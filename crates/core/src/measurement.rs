@@ -5,7 +5,7 @@
 
 use crate::Name;
 use crate::fix::PoseEstimate;
-use crate::frame::Frame;
+use crate::frame::{Frame, Reading};
 use crate::modality::ModalityError;
 use crate::time::SimTime;
 use nalgebra::{DMatrix, DVector, DVectorView, Isometry3, Vector3};
@@ -208,6 +208,23 @@ pub struct Measurement {
     pub prior_use: PriorUse,
     /// The front end's own pose, where it makes one: the estimate of a track without a filter, the start of one with.
     pub fix: Option<PoseEstimate>,
+}
+
+impl Measurement {
+    /// A whole reading, as it is: its payload is the value, nothing of the prior went in, and no fix stands beside it.
+    pub fn of_reading(reading: &Reading, model: Arc<dyn MeasurementModel>) -> Self {
+        Self {
+            sensor: reading.sensor.clone(),
+            sequence: reading.sequence,
+            at: reading.at(),
+            arrival: reading.arrival,
+            since: None,
+            value: Arc::new(reading.payload.clone()),
+            model,
+            prior_use: PriorUse::None,
+            fix: None,
+        }
+    }
 }
 
 impl std::fmt::Debug for Measurement {

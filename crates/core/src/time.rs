@@ -23,6 +23,29 @@ impl SimTime {
         Self(nanoseconds(seconds))
     }
 
+    /// Seconds in decimal notation, exact where the text has at most nine decimals; `None` where it is no finite number or too large.
+    pub fn parse_seconds(text: &str) -> Option<Self> {
+        let (negative, digits) = match text.strip_prefix('-') {
+            Some(rest) => (true, rest),
+            None => (false, text.strip_prefix('+').unwrap_or(text)),
+        };
+        let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+        let plain = |part: &str| part.bytes().all(|b| b.is_ascii_digit());
+        if (whole.is_empty() && fraction.is_empty())
+            || !plain(whole)
+            || !plain(fraction)
+            || fraction.len() > 9
+        {
+            // Exponents and longer fractions: as good as f64 can tell.
+            let nanoseconds = text.parse::<f64>().ok()? * 1e9;
+            return (nanoseconds.abs() < 9.2e18).then_some(Self(nanoseconds.round() as i64));
+        }
+        let whole: i64 = if whole.is_empty() { 0 } else { whole.parse().ok()? };
+        let fraction: i64 = format!("{fraction:0<9}").parse().ok()?;
+        let magnitude = whole.checked_mul(NANOSECONDS_PER_SECOND)?.checked_add(fraction)?;
+        Some(Self(if negative { -magnitude } else { magnitude }))
+    }
+
     /// Seconds since the start.
     pub fn seconds(self) -> f64 {
         // Whole and fractional part apart: exact to the nanosecond for any exam length.
@@ -80,6 +103,23 @@ mod tests {
     fn law_seconds_and_nanoseconds_round_trip() {
         for ns in [0, 1, -1, 999_999_999, 28_800_000_000_001, -5_000_000_007] {
             assert_eq!(SimTime::from_seconds(SimTime(ns).seconds()), SimTime(ns));
+        }
+    }
+
+    #[test]
+    fn closed_form_times_as_people_write_them() {
+        for (text, ns) in [
+            ("1.5", 1_500_000_000),
+            (".25", 250_000_000),
+            ("1e-3", 1_000_000),
+            ("2", 2_000_000_000),
+            ("1700000000.123456789", 1_700_000_000_123_456_789),
+            ("-5.000000007", -5_000_000_007),
+        ] {
+            assert_eq!(SimTime::parse_seconds(text), Some(SimTime(ns)), "{text}");
+        }
+        for bad in ["", "-", ".", "nan", "inf", "1e30", "x", "1,5"] {
+            assert_eq!(SimTime::parse_seconds(bad), None, "{bad}");
         }
     }
 

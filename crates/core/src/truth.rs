@@ -28,8 +28,8 @@ pub struct CapsuleTruth {
     pub arc_length_m: Option<f64>,
     /// The tract segment it is in.
     pub segment: Option<Name>,
-    /// Norm of the force that the wall exerts, N; 0 where truth is kinematic.
-    pub wall_force_n: f64,
+    /// Norm of the force that the wall exerts, N; `None` where there is no wall (kinematic truth, replays).
+    pub wall_force_n: Option<f64>,
 }
 
 /// What a sensor may ask of the world.

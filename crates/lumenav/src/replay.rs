@@ -166,7 +166,7 @@ impl ReferenceTrajectory {
             specific_force_capsule_m_s2: pose.rotation.inverse() * Vector3::new(0.0, 9.81, 0.0),
             arc_length_m: None,
             segment: None,
-            wall_force_n: 0.0,
+            wall_force_n: None,
         })
     }
 }

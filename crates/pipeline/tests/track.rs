@@ -3,7 +3,7 @@
 use lumenav_core::fix::FixModel;
 use lumenav_core::{
     FixKind, Frame, FrontEnd, Measurement, ModalityError, MotionInput, MotionSample, Name, Node, Outcome,
-    PoseEstimate, PosePrior, PriorUse, Reading, Schema, SimTime, StateView,
+    PoseEstimate, PosePrior, Reading, Schema, SimTime, StateView,
 };
 use lumenav_fusion::{FilterSetup, Turn};
 use lumenav_pipeline::Refusal;
@@ -31,15 +31,9 @@ impl FrontEnd for Line {
         let pose = Isometry3::translation(x_mm * 1e-3, 0.0, 0.0);
         let fix = PoseEstimate { world_from_capsule: pose, covariance, kind: FixKind::Position };
         Ok(Outcome::Measured(vec![Measurement {
-            sensor: reading.sensor.clone(),
-            sequence: reading.sequence,
-            at: reading.at(),
-            arrival: reading.arrival,
-            since: None,
             value: Arc::new(fix.to_frame()),
-            model: Arc::new(FixModel),
-            prior_use: PriorUse::None,
             fix: Some(fix),
+            ..Measurement::of_reading(reading, Arc::new(FixModel))
         }]))
     }
 }

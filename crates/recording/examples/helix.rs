@@ -9,7 +9,7 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: the example plays a world")]
 
-#[path = "../tests/synthetic/mod.rs"]
+#[path = "../../pipeline/tests/synthetic/mod.rs"]
 mod synthetic;
 
 use lumenav_recording::{RecorderOptions, RrdRecorder, inspect};

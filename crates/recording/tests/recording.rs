@@ -2,6 +2,7 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: the test plays a world")]
 
+#[path = "../../pipeline/tests/synthetic/mod.rs"]
 mod synthetic;
 
 use lumenav_pipeline::RunObserver as _;

@@ -87,31 +87,6 @@ pub(crate) fn seconds_text(nanoseconds: i64) -> String {
     format!("{sign}{}.{:09}", magnitude / 1_000_000_000, magnitude % 1_000_000_000)
 }
 
-/// Seconds in decimal notation as nanoseconds, exact where the text has at most nine decimals; `None` where it is no
-/// finite number or too large.
-pub(crate) fn nanoseconds_of(text: &str) -> Option<i64> {
-    let (negative, digits) = match text.strip_prefix('-') {
-        Some(rest) => (true, rest),
-        None => (false, text.strip_prefix('+').unwrap_or(text)),
-    };
-    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
-    let plain = |part: &str| part.bytes().all(|b| b.is_ascii_digit());
-    if digits.is_empty()
-        || !plain(whole)
-        || !plain(fraction)
-        || fraction.len() > 9
-        || (whole.is_empty() && fraction.is_empty())
-    {
-        // Exponents and longer fractions: as good as f64 can tell.
-        let nanoseconds = text.parse::<f64>().ok()? * 1e9;
-        return (nanoseconds.abs() < 9.2e18).then_some(nanoseconds.round() as i64);
-    }
-    let whole: i64 = if whole.is_empty() { 0 } else { whole.parse().ok()? };
-    let fraction: i64 = format!("{fraction:0<9}").parse().ok()?;
-    let magnitude = whole.checked_mul(1_000_000_000)?.checked_add(fraction)?;
-    Some(if negative { -magnitude } else { magnitude })
-}
-
 /// A CSV cell; quoted where it must be.
 pub(crate) fn csv_cell(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) {
@@ -124,24 +99,14 @@ pub(crate) fn csv_cell(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lumenav_core::SimTime;
 
     #[test]
     fn law_times_round_trip_to_the_nanosecond() {
         for ns in [0, 1, -1, 999_999_999, -5_000_000_007, 28_800_000_000_001, 1_700_000_000_123_456_789] {
-            assert_eq!(nanoseconds_of(&seconds_text(ns)), Some(ns));
+            assert_eq!(SimTime::parse_seconds(&seconds_text(ns)), Some(SimTime(ns)));
         }
         assert_eq!(seconds_text(-5_000_000_007), "-5.000000007");
-    }
-
-    #[test]
-    fn closed_form_times_as_people_write_them() {
-        assert_eq!(nanoseconds_of("1.5"), Some(1_500_000_000));
-        assert_eq!(nanoseconds_of(".25"), Some(250_000_000));
-        assert_eq!(nanoseconds_of("1e-3"), Some(1_000_000));
-        assert_eq!(nanoseconds_of("2"), Some(2_000_000_000));
-        for bad in ["", "-", ".", "nan", "inf", "1e30", "x", "1,5"] {
-            assert_eq!(nanoseconds_of(bad), None, "{bad}");
-        }
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! | `timing.json` | [`TimingObserver`] | [`read_json`] |
 //! | `tracks.parquet` | [`TracksObserver`] | [`read_tracks`], [`for_each_track_row`] |
 //! | `truth.parquet` | [`TruthObserver`] | [`read_arc_length`] |
-//! | `truth.tum`, `<track>.tum` | [`TumObserver`] | [`read_tum`] |
+//! | `truth.tum`, `<track>.tum` | [`TumObserver`] | `lumenav_records::tum::read` |
 //! | `events.jsonl` | [`EventsObserver`] | [`read_events`], [`for_each_event`] |
 //! | `readings/` | [`ReadingsObserver`] | `lumenav replay` |
 //! | `trials.json` | [`write_trials`] | [`read_json`] |
@@ -23,6 +23,7 @@ mod log;
 mod manifest;
 mod mcap;
 mod metrics;
+mod parquet_table;
 mod readings;
 mod row;
 mod timing;
@@ -52,5 +53,5 @@ pub use trials::{
     TrialsOfTrack, write_trials,
 };
 pub use truth::{TruthObserver, read_arc_length};
-pub use tum::{StampedPose, TumObserver, read_tum, write_kitti, write_tum};
+pub use tum::{StampedPose, TumObserver, write_kitti, write_tum};
 pub use writer::{RunWriter, WriterOptions};

@@ -58,7 +58,7 @@ pub struct Provenance {
     /// What else decides which files appear (`record`, `save_readings`).
     #[serde(default)]
     pub settings: BTreeMap<String, String>,
-    /// SHA-256 of every file that was read, by its path as the files name it.
+    /// SHA-256 of every file that was read, by a name that does not depend on the working folder or on how the path was spelled.
     #[serde(default)]
     pub inputs: BTreeMap<String, String>,
 }

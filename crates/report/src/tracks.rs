@@ -4,39 +4,28 @@
 //! of each column is in its field's metadata (key `unit`); the file's key-value metadata say schema version, error convention,
 //! frame, seed and scenario. `covariance` is the upper triangle, row by row, of the covariance of
 //! `[δp_world (m), δθ_capsule (rad)]`: 21 numbers in m², m·rad, rad².
-//!
-//! Compression is Snappy, rows are written in groups as they come (constant memory), and equal runs give equal bytes.
 
 use crate::error::ReportError;
+use crate::parquet_table::{ParquetTable, ROWS_PER_BATCH, field};
 use crate::row::{COVARIANCE_LENGTH, NUMBERS, TrackRow};
 use arrow::array::{
     Array, ArrayRef, BooleanArray, FixedSizeListArray, Float64Array, Int64Array, RecordBatch, StringArray,
     UInt8Array, UInt64Array,
 };
 use arrow::datatypes::{DataType, Field, Schema};
+use arrow::error::ArrowError;
 use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver};
-use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
-use parquet::basic::Compression;
 use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
-use std::collections::HashMap;
 use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Version of the columns; a reader refuses others.
 pub const TRACKS_SCHEMA_VERSION: &str = "1";
-/// Rows that are turned into columns at once.
-const ROWS_PER_BATCH: usize = 4096;
-/// Rows of a group: what a reader loads at once, and what the writer holds in memory (about 400 bytes a row).
-pub(crate) const ROWS_PER_GROUP: usize = 8192;
 
 /// The columns.
-fn schema() -> Arc<Schema> {
-    let field = |name: &str, kind: DataType, nullable: bool, unit: &str| {
-        Field::new(name, kind, nullable).with_metadata(HashMap::from([("unit".to_owned(), unit.to_owned())]))
-    };
+fn schema() -> Schema {
     let mut fields = vec![
         field("track", DataType::Utf8, false, "1"),
         field("sensor", DataType::Utf8, false, "1"),
@@ -53,11 +42,11 @@ fn schema() -> Arc<Schema> {
     let item = Arc::new(Field::new("item", DataType::Float64, false));
     let list = DataType::FixedSizeList(item, COVARIANCE_LENGTH as i32);
     fields.push(field("covariance", list, false, "m^2, m rad, rad^2"));
-    Arc::new(Schema::new(fields))
+    Schema::new(fields)
 }
 
 /// Rows as columns.
-fn batch(rows: &[TrackRow], schema: &Arc<Schema>) -> Result<RecordBatch, arrow::error::ArrowError> {
+fn columns(rows: &[TrackRow]) -> Result<Vec<ArrayRef>, ArrowError> {
     let mut columns: Vec<ArrayRef> = vec![
         Arc::new(StringArray::from_iter_values(rows.iter().map(|r| &*r.track))),
         Arc::new(StringArray::from_iter_values(rows.iter().map(|r| &*r.sensor))),
@@ -81,86 +70,51 @@ fn batch(rows: &[TrackRow], schema: &Arc<Schema>) -> Result<RecordBatch, arrow::
         Arc::new(flat),
         None,
     )?));
-    RecordBatch::try_new(schema.clone(), columns)
+    Ok(columns)
 }
 
 /// Writes `tracks.parquet` into a folder.
 pub struct TracksObserver {
-    path: PathBuf,
-    schema: Arc<Schema>,
-    writer: Option<ArrowWriter<File>>,
-    waiting: Vec<TrackRow>,
+    table: ParquetTable<TrackRow>,
 }
 
 impl TracksObserver {
     /// The file goes into `folder`, which exists.
     pub fn new(folder: &Path) -> Self {
-        Self {
-            path: folder.join("tracks.parquet"),
-            schema: schema(),
-            writer: None,
-            waiting: Vec::with_capacity(ROWS_PER_BATCH),
-        }
+        Self { table: ParquetTable::new(folder.join("tracks.parquet"), schema(), columns) }
     }
+}
 
-    fn open(&mut self, header: &RunHeader) -> Result<(), ReportError> {
-        let pair = |key: &str, value: String| KeyValue::new(key.to_owned(), value);
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::SNAPPY)
-            .set_created_by(format!("lumenav {}", env!("CARGO_PKG_VERSION")))
-            .set_max_row_group_row_count(Some(ROWS_PER_GROUP))
-            .set_key_value_metadata(Some(vec![
-                pair("schema_version", TRACKS_SCHEMA_VERSION.to_owned()),
-                pair(
-                    "error_convention",
-                    "estimate minus truth in the world; covariance of [dp_world, dtheta_capsule], right perturbation, \
-                     upper triangle row by row"
-                        .to_owned(),
-                ),
-                pair("frame", "world, RAS: x right, y anterior, z superior; poses world_from_capsule".to_owned()),
-                pair("scenario", header.scenario.clone()),
-                pair("seed", header.seed.to_string()),
-                pair("trial", header.trial.to_string()),
-            ]))
-            .build();
-        let file = File::create(&self.path).map_err(ReportError::file("cannot create", &self.path))?;
-        let writer = ArrowWriter::try_new(file, self.schema.clone(), Some(properties));
-        self.writer = Some(writer.map_err(ReportError::table(&self.path))?);
-        Ok(())
-    }
-
-    fn push(&mut self, row: TrackRow) -> Result<(), ReportError> {
-        self.waiting.push(row);
-        if self.waiting.len() >= ROWS_PER_BATCH { self.flush() } else { Ok(()) }
-    }
-
-    fn flush(&mut self) -> Result<(), ReportError> {
-        let Some(writer) = self.writer.as_mut() else { return Ok(()) };
-        let batch = batch(&self.waiting, &self.schema).map_err(ReportError::table(&self.path))?;
-        self.waiting.clear();
-        writer.write(&batch).map_err(ReportError::table(&self.path))
-    }
-
-    fn close(&mut self) -> Result<(), ReportError> {
-        self.flush()?;
-        let Some(writer) = self.writer.take() else { return Ok(()) };
-        let file = writer.into_inner().map_err(ReportError::table(&self.path))?;
-        file.sync_all().map_err(ReportError::file("cannot write", &self.path))
-    }
+/// What the file says of itself.
+fn key_values(header: &RunHeader) -> Vec<KeyValue> {
+    let pair = |key: &str, value: String| KeyValue::new(key.to_owned(), value);
+    vec![
+        pair("schema_version", TRACKS_SCHEMA_VERSION.to_owned()),
+        pair(
+            "error_convention",
+            "estimate minus truth in the world; covariance of [dp_world, dtheta_capsule], right perturbation, \
+             upper triangle row by row"
+                .to_owned(),
+        ),
+        pair("frame", "world, RAS: x right, y anterior, z superior; poses world_from_capsule".to_owned()),
+        pair("scenario", header.scenario.clone()),
+        pair("seed", header.seed.to_string()),
+        pair("trial", header.trial.to_string()),
+    ]
 }
 
 impl RunObserver for TracksObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
-        self.open(header).map_err(|e| ObserverError::new("tracks", e))
+        self.table.open(Some(key_values(header))).map_err(|e| ObserverError::new("tracks", e))
     }
 
     fn on(&mut self, event: &RunEvent<'_>) -> Result<(), ObserverError> {
         let RunEvent::Update(update) = event else { return Ok(()) };
-        self.push(TrackRow::of(update)).map_err(|e| ObserverError::new("tracks", e))
+        self.table.push(TrackRow::of(update)).map_err(|e| ObserverError::new("tracks", e))
     }
 
     fn finish(&mut self) -> Result<(), ObserverError> {
-        self.close().map_err(|e| ObserverError::new("tracks", e))
+        self.table.close().map_err(|e| ObserverError::new("tracks", e))
     }
 }
 

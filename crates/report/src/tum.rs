@@ -11,12 +11,11 @@
 //! attitude has the identity.
 
 use crate::error::ReportError;
-use crate::file::{OutputFile, nanoseconds_of, seconds_text};
+use crate::file::{OutputFile, seconds_text};
 use lumenav_core::{FixKind, Name, SimTime};
 use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver};
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, UnitQuaternion};
 use std::collections::BTreeMap;
-use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 
 /// A pose with its time.
@@ -170,67 +169,6 @@ impl RunObserver for TumObserver {
             .try_for_each(TumFile::finish)
             .map_err(|e| ObserverError::new("trajectories", e))
     }
-}
-
-/// Reads a TUM file, strictly.
-///
-/// # Errors
-/// [`ReportError::Line`] with file and line: not 8 numbers, a number that is not finite, a quaternion of length 0,
-/// time that does not increase. [`ReportError::File`] where it cannot be read.
-pub fn read_tum(path: &Path) -> Result<Vec<StampedPose>, ReportError> {
-    let file = std::fs::File::open(path).map_err(ReportError::file("cannot open", path))?;
-    let mut poses: Vec<StampedPose> = Vec::new();
-    for (index, line) in BufReader::new(file).lines().enumerate() {
-        let bad = |what: String| ReportError::Line { path: path.to_owned(), line: index + 1, what };
-        let line = line.map_err(|e| bad(format!("cannot be read as text: {e}")))?;
-        let content = line.trim();
-        if content.is_empty() || content.starts_with('#') {
-            continue;
-        }
-        let pose = parse_tum_line(content).map_err(bad)?;
-        if let Some(last) = poses.last()
-            && pose.at <= last.at
-        {
-            let bad = ReportError::Line {
-                path: path.to_owned(),
-                line: index + 1,
-                what: format!(
-                    "time does not increase: {} s after {} s",
-                    seconds_text(pose.at.0),
-                    seconds_text(last.at.0)
-                ),
-            };
-            return Err(bad);
-        }
-        poses.push(pose);
-    }
-    Ok(poses)
-}
-
-/// One line without comment.
-fn parse_tum_line(content: &str) -> Result<StampedPose, String> {
-    let cells: Vec<&str> = content.split_ascii_whitespace().collect();
-    if cells.len() != 8 {
-        return Err(format!("{} numbers, 8 wanted: t_s x_m y_m z_m qx qy qz qw", cells.len()));
-    }
-    let at = nanoseconds_of(cells[0]).ok_or_else(|| format!("`{}` is not a time in seconds", cells[0]))?;
-    let mut numbers = [0.0; 7];
-    for (number, cell) in numbers.iter_mut().zip(&cells[1..]) {
-        *number = cell
-            .parse::<f64>()
-            .ok()
-            .filter(|x| x.is_finite())
-            .ok_or_else(|| format!("`{cell}` is not a finite number"))?;
-    }
-    let [x, y, z, qx, qy, qz, qw] = numbers;
-    let quaternion = Quaternion::new(qw, qx, qy, qz);
-    // A quaternion of a file is of unit length up to its decimals; one of length 0 says nothing.
-    let rotation = UnitQuaternion::try_new(quaternion, 1e-3)
-        .ok_or_else(|| format!("the quaternion {qx} {qy} {qz} {qw} has no direction"))?;
-    Ok(StampedPose {
-        at: SimTime(at),
-        world_from_capsule: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
-    })
 }
 
 /// Writes poses as a TUM file, whole or not at all.

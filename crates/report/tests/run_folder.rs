@@ -2,21 +2,29 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: the test plays a world")]
 
+#[path = "../../pipeline/tests/synthetic/mod.rs"]
 mod synthetic;
 
 use lumenav_core::frame::ColumnKind;
 use lumenav_core::{Column, ColumnSpec, Frame, Reading, Rows, Schema, SimTime};
 use lumenav_pipeline::{RunEvent, RunObserver};
+use lumenav_records::tum;
 use lumenav_report::{
-    Logged, Manifest, Metrics, Provenance, ReadingsObserver, ReportError, RunFolder, RunWriter, Timing,
-    WriterOptions, read_events, read_json, read_tracks, read_tum, write_csv, write_kitti, write_tum,
+    Logged, Manifest, Metrics, Provenance, ReadingsObserver, ReportError, RunFolder, RunWriter, StampedPose,
+    Timing, TruthObserver, WriterOptions, read_events, read_json, read_tracks, write_csv, write_kitti,
+    write_tum,
 };
 use nalgebra::Isometry3;
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 const TRACKS: [&str; 2] = ["magnetic", "pet"];
+
+fn stamped((at, world_from_capsule): (SimTime, Isometry3<f64>)) -> StampedPose {
+    StampedPose { at, world_from_capsule }
+}
 
 /// Runs the synthetic run of 30 s at 10 Hz into a folder.
 fn run(target: &Path) -> PathBuf {
@@ -85,7 +93,8 @@ fn law_two_equal_runs_differ_in_timing_alone() {
 fn law_tum_round_trips_and_equals_the_truth() {
     let folder = tempfile::tempdir().unwrap();
     let out = run(&folder.path().join("out"));
-    let poses = read_tum(&out.join("truth.tum")).unwrap();
+    let poses: Vec<StampedPose> =
+        tum::read(&out.join("truth.tum")).unwrap().into_iter().map(stamped).collect();
     assert_eq!(poses.len(), 300);
     for pose in &poses {
         let truth = synthetic::truth(pose.at).world_from_capsule;
@@ -106,6 +115,30 @@ fn law_tum_round_trips_and_equals_the_truth() {
 }
 
 #[test]
+fn law_a_truth_without_tract_and_wall_has_empty_cells() {
+    for known in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut observer = TruthObserver::new(folder.path());
+        observer.start(&synthetic::header(1.0, &TRACKS)).unwrap();
+        for i in 0..5 {
+            let mut truth = synthetic::truth(SimTime(i));
+            (truth.arc_length_m, truth.wall_force_n) = (known.then_some(0.25), known.then_some(0.5));
+            truth.segment = truth.segment.filter(|_| known);
+            observer.on(&RunEvent::Truth(&truth)).unwrap();
+        }
+        observer.finish().unwrap();
+        let file = std::fs::File::open(folder.path().join("truth.parquet")).unwrap();
+        let mut batches = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
+        let batch = batches.next().unwrap().unwrap();
+        for name in ["arc_length_m", "wall_force_n", "segment"] {
+            let empty = batch.column_by_name(name).unwrap().null_count();
+            assert_eq!((batch.num_rows(), empty), (5, if known { 0 } else { 5 }), "{name}");
+        }
+        assert_eq!(batch.column_by_name("x_m").unwrap().null_count(), 0);
+    }
+}
+
+#[test]
 fn closed_form_kitti_is_the_upper_part_of_the_matrix() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
@@ -113,8 +146,7 @@ fn closed_form_kitti_is_the_upper_part_of_the_matrix() {
         nalgebra::Vector3::new(1.0, 2.0, 3.0),
         nalgebra::Vector3::z() * std::f64::consts::FRAC_PI_2,
     );
-    write_kitti(&path, &[lumenav_report::StampedPose { at: SimTime(0), world_from_capsule: quarter }])
-        .unwrap();
+    write_kitti(&path, &[StampedPose { at: SimTime(0), world_from_capsule: quarter }]).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let numbers: Vec<f64> = text.split_whitespace().map(|x| x.parse().unwrap()).collect();
     let expected = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0];
@@ -122,27 +154,6 @@ fn closed_form_kitti_is_the_upper_part_of_the_matrix() {
         numbers.len() == 12 && numbers.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12),
         "{numbers:?}"
     );
-}
-
-#[test]
-fn law_a_bad_line_of_a_tum_file_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bad.tum");
-    let good = "# comment\n0.0 0 0 0 0 0 0 1\n";
-    for (line, what) in [
-        ("1.0 0 0 0 0 0 0", "7 numbers, 8 wanted"),
-        ("1.0 0 0 NaN 0 0 0 1", "`NaN` is not a finite number"),
-        ("1.0 0 0 x 0 0 0 1", "`x` is not a finite number"),
-        ("1.0 0 0 0 0 0 0 0", "has no direction"),
-        ("0.0 0 0 0 0 0 0 1", "time does not increase: 0.000000000 s after 0.000000000 s"),
-        ("nan 0 0 0 0 0 0 1", "`nan` is not a time in seconds"),
-    ] {
-        std::fs::write(&path, format!("{good}{line}\n")).unwrap();
-        let error = read_tum(&path).unwrap_err().to_string();
-        assert!(error.contains("bad.tum:3: ") && error.contains(what), "{error}");
-    }
-    std::fs::write(&path, b"0.0 0 0 0 0 0 0 1\n\xff\xfe\n").unwrap();
-    assert!(read_tum(&path).unwrap_err().to_string().contains("bad.tum:2: cannot be read as text"));
 }
 
 #[test]
@@ -163,16 +174,13 @@ fn closed_form_tracks_parquet_holds_every_update() {
         assert!((row.covariance_matrix()[(2, 2)] - (2.2e-3 * scale).powi(2)).abs() < 1e-18);
         assert!(row.valid && row.started == (row.update == 0));
     }
-    let truth = read_tum(&out.join("pet.tum")).unwrap();
+    let truth = tum::read(&out.join("pet.tum")).unwrap();
     let pet: Vec<_> = rows.iter().filter(|row| &*row.track == "pet").collect();
     assert_eq!(truth.len(), pet.len());
     for (a, b) in truth.iter().zip(&pet) {
         let b = b.stamped_pose().unwrap();
-        assert_eq!(a.at, b.at);
-        assert!(
-            (a.world_from_capsule.translation.vector - b.world_from_capsule.translation.vector).norm()
-                < 2e-12
-        );
+        assert_eq!(a.0, b.at);
+        assert!((a.1.translation.vector - b.world_from_capsule.translation.vector).norm() < 2e-12);
     }
     let csv = folder.path().join("a.csv");
     write_csv(&csv, &rows).unwrap();
@@ -302,8 +310,8 @@ fn law_readings_read_back_to_the_same_bits() {
     assert_eq!(text("scanner.csv"), format!("{header},x1_mm,x2_mm\n{place},0.1,0.3\n{place},,\n"));
     assert_eq!(text("camera/frames.csv"), format!("{header},file\n{place},00000003.jpg\n"));
     assert_eq!(std::fs::read(folder.path().join("readings/camera/00000003.jpg")).unwrap(), jpeg);
-    let poses = read_tum(&folder.path().join("readings/belt.array.tum")).unwrap();
-    assert_eq!(poses[0].world_from_capsule.translation.x, 0.5);
+    let poses = tum::read(&folder.path().join("readings/belt.array.tum")).unwrap();
+    assert_eq!(poses[0].1.translation.x, 0.5);
 }
 
 #[test]

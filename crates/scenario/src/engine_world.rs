@@ -5,6 +5,7 @@
 use crate::engine::{ENGINE_SOURCES, Engine, EngineConfig, EngineError, EventKind};
 use crate::error::ScenarioError;
 use crate::file::{ScenarioFile, TractTable};
+use crate::wave_notes::WaveWatch;
 use crate::world::{TruthHistory, World, WorldNote};
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::MotilityConfig;
@@ -35,6 +36,7 @@ pub struct EngineWorld {
     history: TruthHistory,
     step_ns: i64,
     notes: Vec<WorldNote>,
+    waves: WaveWatch,
     /// What was learned about the tract while it was read.
     warnings: Vec<String>,
 }
@@ -100,8 +102,9 @@ impl EngineWorld {
                 _ => engine_node.error(&error.to_string()),
             })?;
         engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
-        let mut world =
-            Self { engine, history: TruthHistory::default(), step_ns, notes: Vec::new(), warnings };
+        let waves = WaveWatch::new(engine.lumen().motility());
+        let history = TruthHistory::default();
+        let mut world = Self { engine, history, step_ns, notes: Vec::new(), waves, warnings };
         world.remember();
         for text in std::mem::take(&mut world.warnings) {
             world.notes.push(WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
@@ -120,7 +123,7 @@ impl EngineWorld {
             specific_force_capsule_m_s2: state.specific_force_capsule_m_s2,
             arc_length_m: Some(state.arc_length_m),
             segment: Some(self.engine.tract().segment_name_at(state.arc_length_m)),
-            wall_force_n: state.wall_force_n,
+            wall_force_n: Some(state.wall_force_n),
         });
         for event in self.engine.events() {
             let mm = 1e3 * event.arc_length_m;
@@ -137,6 +140,9 @@ impl EngineWorld {
                 EventKind::Left => format!("left the tract at {mm:.0} mm; its truth stays there"),
             };
             self.notes.push(WorldNote { at: event.at, text });
+        }
+        if !state.left {
+            self.waves.look(state.at, state.arc_length_m, &mut self.notes);
         }
     }
 }

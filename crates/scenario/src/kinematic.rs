@@ -167,7 +167,7 @@ impl TruthView for PathWorld {
             specific_force_capsule_m_s2: pose.rotation.inverse() * (acceleration - GRAVITY),
             arc_length_m: None,
             segment: None,
-            wall_force_n: 0.0,
+            wall_force_n: None,
         }
     }
 
@@ -378,7 +378,7 @@ fn drawn(table: &TruthTable, streams: &RandomStreams) -> DrawnWorld {
         specific_force_capsule_m_s2: Vector3::zeros(),
         arc_length_m: None,
         segment: None,
-        wall_force_n: 0.0,
+        wall_force_n: None,
     };
     let mut history = TruthHistory::default();
     history.push(state.clone());

@@ -10,6 +10,7 @@ pub mod error;
 pub mod file;
 pub mod kinematic;
 pub mod path;
+mod wave_notes;
 pub mod world;
 
 pub use build::{BuiltWorld, build_world};

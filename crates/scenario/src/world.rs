@@ -73,6 +73,7 @@ impl TruthHistory {
         }
         let a = &self.samples[after - 1];
         let fraction = at.since_s(a.at) / b.at.since_s(a.at);
+        let mix_known = |x: Option<f64>, y: Option<f64>| x.zip(y).map(|(x, y)| x + (y - x) * fraction);
         let mix = |x: &nalgebra::Vector3<f64>, y: &nalgebra::Vector3<f64>| x.lerp(y, fraction);
         Some(CapsuleTruth {
             at,
@@ -84,9 +85,9 @@ impl TruthHistory {
             velocity_world_m_s: mix(&a.velocity_world_m_s, &b.velocity_world_m_s),
             angular_rate_capsule_rad_s: mix(&a.angular_rate_capsule_rad_s, &b.angular_rate_capsule_rad_s),
             specific_force_capsule_m_s2: mix(&a.specific_force_capsule_m_s2, &b.specific_force_capsule_m_s2),
-            arc_length_m: a.arc_length_m.zip(b.arc_length_m).map(|(x, y)| x + (y - x) * fraction),
+            arc_length_m: mix_known(a.arc_length_m, b.arc_length_m),
             segment: a.segment.clone(),
-            wall_force_n: a.wall_force_n + (b.wall_force_n - a.wall_force_n) * fraction,
+            wall_force_n: mix_known(a.wall_force_n, b.wall_force_n),
         })
     }
 

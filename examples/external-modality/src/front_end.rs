@@ -4,7 +4,7 @@ use crate::model::BeaconModel;
 use crate::physics::locate;
 use lumenav_core::{
     BlockSpec, FixKind, FrontEnd, Measurement, MeasurementModel as _, ModalityError, Outcome, PoseEstimate,
-    PosePrior, PriorUse, Reading,
+    PosePrior, Reading,
 };
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion};
 use std::sync::Arc;
@@ -44,15 +44,8 @@ impl FrontEnd for BeaconFrontEnd {
             return Ok(Outcome::Refused { why: "no beacon was heard".into() });
         }
         Ok(Outcome::Measured(vec![Measurement {
-            sensor: reading.sensor.clone(),
-            sequence: reading.sequence,
-            at: reading.at(),
-            arrival: reading.arrival,
-            since: None,
-            value: Arc::new(reading.payload.clone()),
-            model: self.model.clone(),
-            prior_use: PriorUse::None,
             fix: self.fix(reading)?,
+            ..Measurement::of_reading(reading, self.model.clone())
         }]))
     }
 

@@ -29,7 +29,7 @@ impl Place<'_> {
 
 /// The segments of the CSV that `node.centre_line_csv` names.
 pub(super) fn read(node: &Node, file: &str, table: &TractTable) -> Result<Vec<SegmentPoints>, ConfigError> {
-    let path = node.folder_of("centre_line_csv").join(file);
+    let path = node.existing_path("centre_line_csv", file)?;
     let refuse =
         |message: String| node.error_at("centre_line_csv", &format!("{}: {message}", path.display()));
     let size = std::fs::metadata(&path).map_err(|error| refuse(format!("cannot be read: {error}")))?.len();

@@ -7,6 +7,7 @@
 
 mod bursts;
 mod gaps;
+mod meanwhile;
 mod words;
 
 use crate::args::ExplainOptions;
@@ -16,6 +17,7 @@ use gaps::{Gap, Span, gaps};
 use lumenav::report::{
     Logged, LoggedEvent, Manifest, Metrics, TrackMetrics, TrackRow, read_events, read_json, read_tracks,
 };
+use meanwhile::{Coincidence, coincidences, passages};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use words::{Weakness, weakest};
@@ -53,6 +55,17 @@ struct OfTrack {
     gaps: Vec<Gap>,
     bursts: Vec<Burst>,
     notes: Vec<Happening>,
+    /// Where it was furthest off, where there is a truth.
+    largest_error: Option<LargestError>,
+    /// What of the world lasted into gaps, refusals and the largest error.
+    coincidences: Vec<Coincidence>,
+}
+
+/// The largest error of a track.
+#[derive(Serialize)]
+struct LargestError {
+    t_s: f64,
+    error_mm: f64,
 }
 
 /// Explains a run.
@@ -77,11 +90,12 @@ pub fn explain(options: &ExplainOptions) -> anyhow::Result<()> {
     }
     let window = options.at.map(|at| (at - AT_WINDOW_S, at + AT_WINDOW_S));
     let wanted = |name: &str| options.track.as_ref().is_none_or(|t| t == name);
+    let happened = of_world(&scenario, &events, span);
+    let around = Around { span, window, world: &happened };
     let explanation = Explanation {
         scenario: metrics.scenario.clone(),
         seed: metrics.seed,
         duration_s: metrics.duration_s,
-        world: of_world(&scenario, &events, window),
         tracks: metrics
             .tracks
             .iter()
@@ -89,9 +103,10 @@ pub fn explain(options: &ExplainOptions) -> anyhow::Result<()> {
             .map(|(name, figures)| {
                 let own: Vec<&TrackRow> = rows.iter().filter(|r| *r.track == **name).collect();
                 let sensors = sensors_of(&scenario, name);
-                (name.clone(), of_track(name, figures, own, &events, &sensors, span, window))
+                (name.clone(), of_track(name, figures, own, &events, &sensors, &around))
             })
             .collect(),
+        world: happened.into_iter().filter(|h| touches(h.from_s, h.to_s, window)).collect(),
     };
     if options.json { crate::output::json(&explanation) } else { print(&explanation, window) }
 }
@@ -149,13 +164,19 @@ fn stretch(value: &toml::Value) -> Option<(f64, f64)> {
 }
 
 /// What the world did, the faults, and what `reality` did to the sensors for a while.
-fn of_world(scenario: &toml::Table, events: &[LoggedEvent], window: Option<(f64, f64)>) -> Vec<Happening> {
+fn of_world(scenario: &toml::Table, events: &[LoggedEvent], span: Span) -> Vec<Happening> {
     let mut faults = named(scenario, "fault");
-    let mut all = Vec::new();
+    let notes = events.iter().filter_map(|event| match &event.what {
+        Logged::Note { source, text } if source == "world" => Some((seconds(event.t_ns), text.as_str())),
+        _ => None,
+    });
+    let mut all = passages(notes, span.to_s);
     for event in events {
         let Logged::Note { source, text } = &event.what else { continue };
         let at_s = seconds(event.t_ns);
         let to_s = match source.as_str() {
+            // Told as passages.
+            "world" if text.contains(" the capsule at ") && text.starts_with("wave of ") => continue,
             "world" => at_s,
             // The faults are announced in the order of the file.
             "fault" => faults.next().and_then(stretch).map_or(at_s, |(_, end)| end),
@@ -174,9 +195,18 @@ fn of_world(scenario: &toml::Table, events: &[LoggedEvent], window: Option<(f64,
             }
         }
     }
-    all.retain(|h| touches(h.from_s, h.to_s, window));
     all.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
     all
+}
+
+/// What stands around all tracks of a run.
+struct Around<'a> {
+    /// When there could have been updates.
+    span: Span,
+    /// The window of `--at`.
+    window: Option<(f64, f64)>,
+    /// What happened in the world.
+    world: &'a [Happening],
 }
 
 fn of_track(
@@ -185,9 +215,9 @@ fn of_track(
     mut rows: Vec<&TrackRow>,
     events: &[LoggedEvent],
     sensors: &[String],
-    span: Span,
-    window: Option<(f64, f64)>,
+    around: &Around<'_>,
 ) -> OfTrack {
+    let Around { span, window, world } = *around;
     // A late measurement gives a row of an earlier instant.
     rows.sort_by_key(|row| row.t_ns);
     // A prediction that stands in for a refused measurement is no update.
@@ -210,6 +240,15 @@ fn of_track(
         })
         .collect();
     let (from, to) = window.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+    let largest_error = largest_error(&rows, from, to);
+    let of_error = largest_error.iter().map(|e| ("largest error", e.t_s, e.t_s));
+    let of_gaps = gaps.iter().map(|gap| ("gap", gap.from_s, gap.to_s));
+    let of_bursts = bursts.iter().map(|burst| ("refusals", burst.from_s, burst.to_s));
+    let coincidences = of_error
+        .chain(of_gaps)
+        .chain(of_bursts)
+        .flat_map(|(during, from_s, to_s)| coincidences(world, during, from_s, to_s))
+        .collect();
     OfTrack {
         updates: figures.updates,
         refused: figures.refused.clone(),
@@ -218,7 +257,16 @@ fn of_track(
         gaps,
         bursts,
         notes,
+        largest_error,
+        coincidences,
     }
+}
+
+fn largest_error(rows: &[&TrackRow], from_s: f64, to_s: f64) -> Option<LargestError> {
+    rows.iter()
+        .filter(|row| (from_s..=to_s).contains(&seconds(row.t_ns)))
+        .filter_map(|row| Some(LargestError { t_s: seconds(row.t_ns), error_mm: row.number("error_mm")? }))
+        .max_by(|a, b| a.error_mm.total_cmp(&b.error_mm))
 }
 
 fn print(explanation: &Explanation, window: Option<(f64, f64)>) -> anyhow::Result<()> {
@@ -259,6 +307,12 @@ impl OfTrack {
         lines.extend(self.gaps.iter().flat_map(Gap::lines));
         lines.extend(self.bursts.iter().flat_map(Burst::lines));
         lines.extend(self.notes.iter().map(|n| (n.from_s, format!("{:8.2} s  {}", n.from_s, n.text))));
+        lines.extend(
+            self.largest_error
+                .iter()
+                .map(|e| (e.t_s, format!("{:8.2} s  largest error, {:.2} mm", e.t_s, e.error_mm))),
+        );
+        lines.extend(self.coincidences.iter().map(Coincidence::line));
         // Stable: what belongs together stays together.
         lines.sort_by(|a, b| a.0.total_cmp(&b.0));
         lines

@@ -5,9 +5,9 @@
 
 use crate::args::{ExportFormat, ExportOptions, Verbosity};
 use anyhow::{Context as _, bail};
+use lumenav::records::tum;
 use lumenav::report::{
-    Manifest, StampedPose, TrackRow, read_json, read_tracks, read_tum, write_csv, write_kitti, write_mcap,
-    write_tum,
+    Manifest, StampedPose, TrackRow, read_json, read_tracks, write_csv, write_kitti, write_mcap, write_tum,
 };
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -74,7 +74,9 @@ fn read(options: &ExportOptions) -> anyhow::Result<Content> {
         tracks.retain(|name, _| name == wanted);
     }
     let truth = options.run.join("truth.tum");
-    let truth = truth.is_file().then(|| read_tum(&truth)).transpose()?;
+    let truth = truth.is_file().then(|| tum::read(&truth)).transpose()?;
+    let stamped = |(at, world_from_capsule)| StampedPose { at, world_from_capsule };
+    let truth = truth.map(|poses| poses.into_iter().map(stamped).collect());
     Ok(Content { truth, tracks })
 }
 

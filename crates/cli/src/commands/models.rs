@@ -4,7 +4,7 @@ use super::scenarios::toml_files;
 use crate::args::{ModelsCommand, PluginsOptions};
 use crate::exit::WrongFiles;
 use anyhow::bail;
-use comfy_table::{Table, presets};
+use comfy_table::presets;
 use lumenav::anatomy::phantom::Phantom;
 use lumenav::anatomy::tract_file::{self, TractOptions};
 use lumenav::core::{ConfigError, Node, Registry};
@@ -64,8 +64,8 @@ fn list(root: &Path, json: bool) -> anyhow::Result<()> {
     if json {
         return crate::output::json(&all);
     }
-    let mut table = Table::new();
-    table.load_preset(presets::NOTHING).set_header(["model", "what"]);
+    let mut table = crate::table::fitting(presets::NOTHING);
+    table.set_header(["model", "what"]);
     for Listed { model, about } in all {
         table.add_row([model, about]);
     }
@@ -73,8 +73,8 @@ fn list(root: &Path, json: bool) -> anyhow::Result<()> {
 }
 
 fn show(model: &str, root: &Path, json: bool) -> anyhow::Result<()> {
-    let path = root.join(format!("{model}.toml"));
-    let node = Node::open(&path)?;
+    let model = &full_name(model, root)?;
+    let node = Node::open(&root.join(format!("{model}.toml")))?;
     let summary = summary(&node, model)?;
     if json {
         let tables = node.to_toml();
@@ -84,6 +84,24 @@ fn show(model: &str, root: &Path, json: bool) -> anyhow::Result<()> {
     }
     crate::output::print(format_args!("{}", node.text()))?;
     say!("# {summary}")
+}
+
+/// `kind/name` of a model given in full or, where only one model is called so, by its name alone.
+fn full_name(model: &str, root: &Path) -> anyhow::Result<String> {
+    let all: Vec<String> = toml_files(root).iter().map(|path| name_of(path, root)).collect();
+    let called = |full: &&String| full.rsplit('/').next() == Some(model);
+    let same: Vec<&String> = all.iter().filter(called).collect();
+    if all.iter().any(|full| full == model) {
+        return Ok(model.to_owned());
+    }
+    match same[..] {
+        [one] => Ok(one.clone()),
+        [] => bail!("no model `{model}` below {}; there are: {}", root.display(), all.join(", ")),
+        _ => {
+            let same: Vec<&str> = same.iter().map(|full| full.as_str()).collect();
+            bail!("`{model}` is more than one model: {}", same.join(", "))
+        }
+    }
 }
 
 /// Reads a model as the program would and says what it is.

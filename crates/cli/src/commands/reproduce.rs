@@ -3,7 +3,7 @@
 use super::run::stop_on_ctrl_c;
 use crate::args::{ReproduceOptions, Verbosity};
 use crate::table;
-use comfy_table::{Table, presets};
+use comfy_table::presets;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use lumenav::reproduce::{Context, Executor, Progress, Size, all, check_free, find};
 use rayon::prelude::*;
@@ -71,8 +71,8 @@ fn list(json: bool) -> anyhow::Result<()> {
         let one = |r: &lumenav::reproduce::Reproduction| serde_json::json!({ "id": r.id, "source": r.source, "about": r.about, "seeds": r.default_seeds });
         return crate::output::json(&all().iter().map(one).collect::<Vec<_>>());
     }
-    let mut table = Table::new();
-    table.load_preset(presets::NOTHING).set_header(["id", "source", "what"]);
+    let mut table = table::fitting(presets::NOTHING);
+    table.set_header(["id", "source", "what"]);
     for reproduction in all() {
         table.add_row([reproduction.id, reproduction.source, reproduction.about]);
     }

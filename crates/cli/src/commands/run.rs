@@ -13,6 +13,7 @@ use lumenav::report::{
 };
 use lumenav::scenario::ScenarioFile;
 use lumenav::{check, open_scenario, stage};
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -111,11 +112,63 @@ pub fn look_at_place(out: &Path, force: bool, planned: &Manifest) -> anyhow::Res
                 return Ok(Place::Same(Box::new(metrics)));
             }
             None => " (this very run, but some of its files are missing or changed)".to_owned(),
-            Some(difference) => format!(" (a run with {difference})"),
+            Some(difference) => match differing_keys(&manifest, planned) {
+                Some(keys) => format!(" (a run with another scenario: {keys})"),
+                None => format!(" (a run with {difference})"),
+            },
         },
         _ => String::new(),
     };
-    bail!("{} exists already{why}; give another --out, or --force to replace it", out.display());
+    bail!(
+        "{} exists already{why}; keep it and give this run another --out, or replace it with --force",
+        out.display()
+    );
+}
+
+/// Keys told where two scenarios differ; the others are counted.
+const MOST_KEYS: usize = 5;
+
+/// In which keys the scenario of the run that is there differs from the one that is wanted; `None` where it does not.
+fn differing_keys(there: &Manifest, wanted: &Manifest) -> Option<String> {
+    let flat = |manifest: &Manifest| {
+        let mut keys = BTreeMap::new();
+        let table: toml::Table = manifest.scenario_toml.parse().ok()?;
+        flatten("", &toml::Value::Table(table), &mut keys);
+        Some(keys)
+    };
+    let (there, wanted) = (flat(there)?, flat(wanted)?);
+    let all: BTreeSet<&String> = there.keys().chain(wanted.keys()).collect();
+    let said = |keys: &BTreeMap<String, String>, key: &str| {
+        keys.get(key).map_or("not set", String::as_str).to_owned()
+    };
+    let mut differing: Vec<String> = all
+        .into_iter()
+        .filter(|key| there.get(*key) != wanted.get(*key))
+        .map(|key| format!("{key} is {} there, {} now", said(&there, key), said(&wanted, key)))
+        .collect();
+    let more = differing.len().saturating_sub(MOST_KEYS);
+    differing.truncate(MOST_KEYS);
+    if more > 0 {
+        differing.push(format!("and {more} more keys"));
+    }
+    (!differing.is_empty()).then(|| differing.join("; "))
+}
+
+/// Every value of a table under its dotted key; entries of an array of tables by their name, or else by their place.
+fn flatten(path: &str, value: &toml::Value, keys: &mut BTreeMap<String, String>) {
+    let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match value {
+        toml::Value::Table(table) => {
+            table.iter().for_each(|(key, inner)| flatten(&below(key), inner, keys));
+        }
+        toml::Value::Array(items) if items.iter().any(toml::Value::is_table) => {
+            for (i, item) in items.iter().enumerate() {
+                let name = item.get("name").and_then(toml::Value::as_str);
+                flatten(&name.map_or_else(|| below(&i.to_string()), &below), item, keys);
+            }
+        }
+        _ => drop(keys.insert(path.to_owned(), value.to_string())),
+    }
 }
 
 /// `out/<scenario>-<seed>`.
@@ -205,5 +258,25 @@ impl Job<'_> {
         }
         let metrics = writer.metrics().cloned().context("the run left no metrics")?;
         Ok((writer.commit()?, metrics))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closed_form_scenarios_differ_in_these_keys() {
+        let flat = |text: &str| {
+            let mut keys = BTreeMap::new();
+            flatten("", &toml::Value::Table(text.parse().unwrap()), &mut keys);
+            keys.into_iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>()
+        };
+        assert_eq!(
+            flat(
+                "a = 1\n[[sensor]]\nname = \"belt\"\n[sensor.schedule]\nrate_hz = 2.0\n[[fault]]\nx = [1, 2]\n"
+            ),
+            ["a=1", "fault.0.x=[1, 2]", "sensor.belt.name=\"belt\"", "sensor.belt.schedule.rate_hz=2.0"]
+        );
     }
 }

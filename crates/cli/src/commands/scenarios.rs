@@ -6,7 +6,7 @@ use super::replay::is_replay;
 use crate::args::ScenariosCommand;
 use crate::exit::WrongFiles;
 use anyhow::bail;
-use comfy_table::{Table, presets};
+use comfy_table::presets;
 use lumenav::core::{Node, Registry};
 use lumenav::{check, open_replay, open_scenario};
 use serde::Serialize;
@@ -87,8 +87,8 @@ fn list(folder: &Path, json: bool) -> anyhow::Result<()> {
     if json {
         return crate::output::json(&all);
     }
-    let mut table = Table::new();
-    table.load_preset(presets::NOTHING).set_header(["scenario", "length", "what"]);
+    let mut table = crate::table::fitting(presets::NOTHING);
+    table.set_header(["scenario", "length", "what"]);
     for one in all {
         let length = one.duration_s.map_or_else(|| one.kind.to_owned(), |d| format!("{d} s"));
         table.add_row([one.file, length, one.error.unwrap_or(one.description)]);

@@ -87,7 +87,9 @@ impl Node {
         }
         let text = std::fs::read_to_string(path).map_err(|e| refuse(format!("cannot be read: {e}")))?;
         let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
-        Self::parse_text(&text, &file, &folder, overrides)
+        let node = Self::parse_text(&text, &file, &folder, overrides)?;
+        node.log.add_file(path);
+        Ok(node)
     }
 
     /// Parses text as if it stood in `file` (its name for messages) in `folder` (for relative paths).
@@ -145,6 +147,7 @@ impl Node {
 
     /// Shares another node's log, so that a scenario and its models are resolved together.
     pub fn with_log_of(mut self, other: &Self) -> Self {
+        other.log.add_files_of(&self.log);
         self.log = other.log.clone();
         self
     }
@@ -176,7 +179,8 @@ impl Node {
     }
 
     /// The path that `key` holds as `name`: relative to its file (or to the working folder for `--set`); a leading
-    /// `$LUMENAV_DATA/` stands for the folder of recorded data.
+    /// `$LUMENAV_DATA/` stands for the folder of recorded data. The path is noted in the log: a reader that comes to its files this way
+    /// finds them among the inputs of the run's manifest.
     ///
     /// # Errors
     /// [`ConfigError`] at the key: the variable is not set, or nothing exists there.
@@ -191,6 +195,7 @@ impl Node {
             self.folder_of(key).join(name)
         };
         if path.exists() {
+            self.log.add_file(&path);
             Ok(path)
         } else {
             Err(self.error_at(key, &format!("{} does not exist", path.display())))
@@ -477,6 +482,25 @@ mod tests {
         let root = node("a = \"x.toml\"\nb = \"y.toml\"\n", &["b=z.toml"]).unwrap();
         assert_eq!(root.folder_of("a"), Path::new("folder"));
         assert_eq!(root.folder_of("b"), Path::new(""));
+    }
+
+    #[test]
+    fn law_the_log_names_every_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("s.toml"), "model = \"m.toml\"\ndata = \"d.csv\"\n").unwrap();
+        std::fs::write(path("m.toml"), "[body]\npoints = \"p.csv\"\n").unwrap();
+        for data in ["d.csv", "p.csv"] {
+            std::fs::write(path(data), "1\n").unwrap();
+        }
+        let root = Node::open(&path("s.toml")).unwrap();
+        root.existing_path("data", "d.csv").unwrap();
+        assert!(root.existing_path("data", "missing.csv").is_err());
+        // What a model names is noted whether it was opened before the two were joined or after.
+        let model = Node::open(&path("m.toml")).unwrap().with_log_of(&root);
+        model.child_or_empty("body").existing_path("points", "p.csv").unwrap();
+        let expected: Vec<PathBuf> = ["d.csv", "m.toml", "p.csv", "s.toml"].map(path).to_vec();
+        assert_eq!(root.log().files(), expected);
     }
 
     #[test]

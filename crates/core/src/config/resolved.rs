@@ -1,6 +1,8 @@
 //! What was read, with every default filled in and its source: for `show --resolved` and manifests.
 
-use std::sync::{Arc, Mutex};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// One table as it was understood: with every default filled in.
 #[derive(Clone, Debug)]
@@ -65,18 +67,44 @@ impl Resolved {
     }
 }
 
-/// What was parsed so far, in order. Shared by all nodes of a scenario.
+/// What was parsed so far, in order, and from which files. Shared by all nodes of a scenario.
 #[derive(Clone, Debug, Default)]
-pub struct ResolvedLog(Arc<Mutex<Vec<Resolved>>>);
+pub struct ResolvedLog(Arc<Mutex<Noted>>);
+
+#[derive(Debug, Default)]
+struct Noted {
+    entries: Vec<Resolved>,
+    files: BTreeSet<PathBuf>,
+}
 
 impl ResolvedLog {
     /// The tables parsed so far.
     pub fn entries(&self) -> Vec<Resolved> {
-        // A poisoned lock means another thread panicked while pushing; what was pushed is still whole.
-        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
+        self.noted().entries.clone()
+    }
+
+    /// Every file opened so far, and every path of data that a key led to ([`super::Node::existing_path`]); sorted, as opened.
+    pub fn files(&self) -> Vec<PathBuf> {
+        self.noted().files.iter().cloned().collect()
     }
 
     pub(super) fn push(&self, entry: Resolved) {
-        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(entry);
+        self.noted().entries.push(entry);
+    }
+
+    pub(super) fn add_file(&self, path: &Path) {
+        self.noted().files.insert(path.to_path_buf());
+    }
+
+    /// Takes on the files of another log.
+    pub(super) fn add_files_of(&self, other: &Self) {
+        // One lock after the other: the two may be the same.
+        let files = other.files();
+        self.noted().files.extend(files);
+    }
+
+    fn noted(&self) -> MutexGuard<'_, Noted> {
+        // A poisoned lock means another thread panicked while pushing; what was pushed is still whole.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

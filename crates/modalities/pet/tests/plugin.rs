@@ -71,7 +71,7 @@ impl TruthView for Moving {
             specific_force_capsule_m_s2: Vector3::y() * 9.81,
             arc_length_m: None,
             segment: None,
-            wall_force_n: 0.0,
+            wall_force_n: None,
         }
     }
 

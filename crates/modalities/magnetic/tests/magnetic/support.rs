@@ -145,7 +145,7 @@ impl TruthView for AtRest {
             specific_force_capsule_m_s2: Vector3::z() * 9.81,
             arc_length_m: None,
             segment: None,
-            wall_force_n: 0.0,
+            wall_force_n: None,
         }
     }
 

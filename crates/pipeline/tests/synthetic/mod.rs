@@ -1,4 +1,5 @@
 //! A run made of closed forms: a capsule on a helix in a tube, 16 magnetometers below it, one track with a known error.
+//! Shared by the tests of the observers (`recording`, `report`), which depend on this crate.
 
 use lumenav_core::{
     CapsuleBody, CapsuleTruth, FixKind, Name, PoseEstimate, Primitive, PublishedEstimate, SimTime,
@@ -29,7 +30,7 @@ pub fn truth(at: SimTime) -> CapsuleTruth {
         specific_force_capsule_m_s2: Vector3::new(0.0, 9.81, 0.0),
         arc_length_m: Some(velocity.norm() * t),
         segment: Some("jejunum".into()),
-        wall_force_n: 0.0,
+        wall_force_n: None,
     }
 }
 
