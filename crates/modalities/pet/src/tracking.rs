@@ -153,7 +153,8 @@ pub trait Tracker: Send {
     ///
     /// # Errors
     /// [`Failure`]: the window does not support a pose.
-    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure>;
+    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked)
+    -> Result<(), Failure>;
 
     /// The pose of one window.
     ///
@@ -195,4 +196,3 @@ pub struct Memory {
     /// The last windows: their lines and the pose given for each.
     pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
 }
-

@@ -62,7 +62,8 @@ impl Body {
         let least = (distances_m[0] - DISTANCE_SLACK_M).max(0.3 * distances_m[0]);
         Self {
             arms_m: markers_m.iter().map(|m| m - centroid_m).collect(),
-            spared_m: markers_m.iter().map(|m| (m - centroid_m).norm()).fold(0.0, f64::max) + super::membership::REACH_M,
+            spared_m: markers_m.iter().map(|m| (m - centroid_m).norm()).fold(0.0, f64::max)
+                + super::membership::REACH_M,
             markers_m,
             shares,
             centroid_m,
@@ -78,7 +79,11 @@ impl Body {
     }
 
     /// The pose whose activity centroid stands at a place.
-    pub(crate) fn at_centroid(&self, centre_world_m: &Vector3<f64>, turn: &UnitQuaternion<f64>) -> Isometry3<f64> {
+    pub(crate) fn at_centroid(
+        &self,
+        centre_world_m: &Vector3<f64>,
+        turn: &UnitQuaternion<f64>,
+    ) -> Isometry3<f64> {
         Isometry3::from_parts(Translation3::from(centre_world_m - turn * self.centroid_m), *turn)
     }
 
@@ -103,7 +108,10 @@ impl Body {
     /// Largest distance between the markers at two poses, the twin of `b` that fits best, m.
     pub(crate) fn distance_m(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
         let apart = |p: &Isometry3<f64>| {
-            self.markers_m.iter().map(|m| (a.transform_point(&(*m).into()) - p.transform_point(&(*m).into())).norm()).fold(0.0, f64::max)
+            self.markers_m
+                .iter()
+                .map(|m| (a.transform_point(&(*m).into()) - p.transform_point(&(*m).into())).norm())
+                .fold(0.0, f64::max)
         };
         // A twin swaps markers: compare places, not names, by comparing poses.
         self.twins(b).fold(apart(b), |least, twin| least.min(apart(&twin)))
@@ -115,7 +123,8 @@ impl Body {
         if !(total > 0.0) {
             return None;
         }
-        let mean = |of: &[Vector3<f64>]| of.iter().zip(weights).map(|(p, w)| p * *w).sum::<Vector3<f64>>() / total;
+        let mean =
+            |of: &[Vector3<f64>]| of.iter().zip(weights).map(|(p, w)| p * *w).sum::<Vector3<f64>>() / total;
         let (from, to) = (mean(&self.markers_m), mean(places_world_m));
         let mut cross = Matrix3::zeros();
         for ((m, p), w) in self.markers_m.iter().zip(places_world_m).zip(weights) {
@@ -127,6 +136,9 @@ impl Body {
         let r = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t;
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r));
         let place = to - rotation * from;
-        place.iter().all(|v| v.is_finite()).then(|| Isometry3::from_parts(Translation3::from(place), rotation))
+        place
+            .iter()
+            .all(|v| v.is_finite())
+            .then(|| Isometry3::from_parts(Translation3::from(place), rotation))
     }
 }

@@ -77,7 +77,8 @@ impl Centroid {
             let spread = self.spread(&centre);
             let count = self.places.len();
             if spread.furthest_m <= spared_m
-                || spread.furthest_m - spread.mean_m <= self.tau.tau(count) * spread.sigma_m {
+                || spread.furthest_m - spread.mean_m <= self.tau.tau(count) * spread.sigma_m
+            {
                 break;
             }
             if count <= FEWEST_LINES {

@@ -7,7 +7,8 @@
 //! thesis does not ask, no answer where under 30 per cent of the kept lines pass a marker.
 //!
 //! The covariance is `κ σ² (Σ Jᵀ A J)⁻¹` with σ² the weighted mean squared distance per dimension and κ = [`INFLATION`]: memberships
-//! that move with the pose, and lines beyond reach that are not seen, make the plain form too small. κ was set once, see there.
+//! that move with the pose, and lines beyond reach that are not seen, make the plain form too small. κ is 1: not calibrated, so this
+//! covariance is overconfident; fuse `mixture`'s instead.
 
 use super::body::Body;
 use super::budget::{Budget, TRUE_LINES_PER_MARKER};
@@ -38,7 +39,7 @@ const PASSING_END: f64 = 0.3;
 const LEAST_SHARE: f64 = 0.01;
 /// Passes for each candidate of a search.
 const CANDIDATE_PASSES: usize = 6;
-/// Covariance over that of weighted least squares with fixed memberships.
+/// Covariance over that of weighted least squares with fixed memberships: 1, not calibrated.
 const INFLATION: f64 = 1.0;
 /// Least variance of a line, m²: a fifth of a millimetre, so that few lines that happen to meet do not claim a certainty.
 const SMALLEST_VARIANCE_M2: f64 = 4e-8;

@@ -199,7 +199,11 @@ fn log_prior(prior: &NormalPrior, pose: &Isometry3<f64>) -> (f64, Vector6<f64>, 
     let turn = error.fixed_rows::<3>(3).into_owned();
     jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&right_jacobian_inverse_so3(&turn));
     let pull = prior.information * error;
-    (-0.5 * error.dot(&pull), -(jacobian.transpose() * pull), jacobian.transpose() * prior.information * jacobian)
+    (
+        -0.5 * error.dot(&pull),
+        -(jacobian.transpose() * pull),
+        jacobian.transpose() * prior.information * jacobian,
+    )
 }
 
 /// The step, damped until it leads upwards, and cut to what a quadratic form can be trusted for.
@@ -216,7 +220,8 @@ fn damped_step(
         }
         if let Some(root) = Cholesky::<f64, Const<6>>::new(matrix) {
             let mut step = root.solve(gradient);
-            let long = (step.fixed_rows::<3>(0).norm() / LONGEST_M).max(step.fixed_rows::<3>(3).norm() / LONGEST_RAD);
+            let long = (step.fixed_rows::<3>(0).norm() / LONGEST_M)
+                .max(step.fixed_rows::<3>(3).norm() / LONGEST_RAD);
             if !long.is_finite() {
                 return None;
             }

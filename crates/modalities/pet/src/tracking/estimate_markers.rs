@@ -6,8 +6,8 @@
 //! by its Schur complement. That information has no say on how the set as a whole is shifted or turned: a prior at the drawn places
 //! (standard deviation [`DRAWN_SD_M`] per coordinate) does, so the estimate keeps the drawing's frame.
 
-use super::likelihood::{Likelihood, MAX_MARKERS, MarkerSums, OfPoints, Placed, Weights, pass, symmetric};
 use super::lanes::Four;
+use super::likelihood::{Likelihood, MAX_MARKERS, MarkerSums, OfPoints, Placed, Weights, pass, symmetric};
 use super::window::Window;
 use lumenav_core::pose::skew;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Matrix6x3, Vector3};
@@ -43,7 +43,13 @@ impl MarkerEstimate {
     }
 
     /// Adds a window at its pose.
-    pub(crate) fn add(&mut self, window: &Window, likelihood: &Likelihood, pose: &Isometry3<f64>, weights: &Weights) {
+    pub(crate) fn add(
+        &mut self,
+        window: &Window,
+        likelihood: &Likelihood,
+        pose: &Isometry3<f64>,
+        weights: &Weights,
+    ) {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = likelihood.place(pose, &window.origin_world_m, weights, &mut placed);
         let mut sums = [MarkerSums::default(); MAX_MARKERS];
@@ -71,7 +77,8 @@ impl MarkerEstimate {
         let taken = &mixed * inverse;
         let information = own - &taken * mixed.transpose();
         let pull = pull - taken * pose_pull;
-        let now = DVector::from_iterator(n, likelihood.markers_capsule_m.iter().flat_map(|m| m.iter().copied()));
+        let now =
+            DVector::from_iterator(n, likelihood.markers_capsule_m.iter().flat_map(|m| m.iter().copied()));
         self.side += &information * now + pull;
         self.information += information;
         if let Some(root) = self.information.clone().cholesky() {

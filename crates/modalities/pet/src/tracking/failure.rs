@@ -41,7 +41,9 @@ pub enum Failure {
     #[error("the information about the pose is not positive definite")]
     Indefinite,
     /// The standard deviation exceeds what a pose is worth.
-    #[error("the pose is too uncertain: {position_mm:.1} mm, {rotation_deg:.0} degrees (allowed {allowed_mm:.1} mm, {allowed_deg:.0} degrees)")]
+    #[error(
+        "the pose is too uncertain: {position_mm:.1} mm, {rotation_deg:.0} degrees (allowed {allowed_mm:.1} mm, {allowed_deg:.0} degrees)"
+    )]
     Uncertain {
         /// Largest standard deviation of position.
         position_mm: f64,

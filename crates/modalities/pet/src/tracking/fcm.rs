@@ -53,7 +53,12 @@ impl Tracker for Fcm {
         "fcm"
     }
 
-    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
+    fn track_into(
+        &mut self,
+        lines: &[Line],
+        prior: Option<&Prior>,
+        out: &mut Tracked,
+    ) -> Result<(), Failure> {
         out.roles.clear();
         out.roles.resize(lines.len(), Role::Unused);
         let done = self.window(lines, prior, out);

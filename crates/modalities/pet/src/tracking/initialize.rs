@@ -111,7 +111,8 @@ mod tests {
         let search = Search::default();
         let mut random = lumenav_core::RandomStreams::new(1, 0, "search").stream("turns", 0);
         for _ in 0..500 {
-            let mut normal = || -> f64 { rand_distr::Distribution::sample(&rand_distr::StandardNormal, &mut random) };
+            let mut normal =
+                || -> f64 { rand_distr::Distribution::sample(&rand_distr::StandardNormal, &mut random) };
             let any = UnitQuaternion::new_normalize(Quaternion::new(normal(), normal(), normal(), normal()));
             let nearest = search.turns.iter().map(|t| t.angle_to(&any)).fold(f64::INFINITY, f64::min);
             assert!(nearest.to_degrees() < 20.0, "a hole of {} degrees", nearest.to_degrees());

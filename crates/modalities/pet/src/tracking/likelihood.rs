@@ -169,8 +169,7 @@ fn loop_over<P: Purpose, const J: usize>(
     background: f64,
     of_marker: &mut [MarkerSums; J],
 ) -> Sums {
-    let mut sums =
-        Sums { log_likelihood: Four::ZERO, background: Four::ZERO, outer: [Four::ZERO; 21] };
+    let mut sums = Sums { log_likelihood: Four::ZERO, background: Four::ZERO, outer: [Four::ZERO; 21] };
     let at: [Three; J] = std::array::from_fn(|j| splat3(&placed[j].at_m));
     let arms: [Three; J] = std::array::from_fn(|j| splat3(&placed[j].arm_m));
     let weights: [Four; J] = std::array::from_fn(|j| Four::splat(placed[j].weight));
@@ -300,13 +299,7 @@ impl Likelihood {
 
     /// Value, gradient and observed information at a pose, into `out`, whose buffer is used again: no allocation after the first
     /// call. The window must have been prepared with its noise.
-    pub fn evaluate(
-        &self,
-        window: &Window,
-        pose: &Isometry3<f64>,
-        weights: &Weights,
-        out: &mut Evaluation,
-    ) {
+    pub fn evaluate(&self, window: &Window, pose: &Isometry3<f64>, weights: &Weights, out: &mut Evaluation) {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
         let mut of_marker = [MarkerSums::default(); MAX_MARKERS];
@@ -371,7 +364,8 @@ impl Likelihood {
         let mut information = Matrix6::zeros();
         for k in 0..window.len() {
             let shape = &window.shapes[k / super::lanes::LANES];
-            information += super::expected::of_line(shape, k % super::lanes::LANES, &placed[..used], weights.background);
+            information +=
+                super::expected::of_line(shape, k % super::lanes::LANES, &placed[..used], weights.background);
         }
         to_capsule_axes(&information, &pose.rotation.to_rotation_matrix().into_inner())
     }

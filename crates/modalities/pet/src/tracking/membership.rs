@@ -44,12 +44,7 @@ struct Sums {
 }
 
 /// A pass: memberships at these places with these shares; `Σ u^q d²`, m².
-pub(crate) fn pass(
-    rays: &[Rays],
-    places_m: &[Vector3<f64>],
-    shares: &[f64],
-    out: &mut [Share],
-) -> f64 {
+pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out: &mut [Share]) -> f64 {
     fn fixed<const J: usize>(
         rays: &[Rays],
         places_m: &[Vector3<f64>],
@@ -91,12 +86,7 @@ pub(crate) fn pass(
 }
 
 #[inline(always)]
-fn one_pack<const J: usize>(
-    r: &Rays,
-    at: &[Three; J],
-    log_share: &[Four; J],
-    sums: &mut [Sums; J],
-) -> Four {
+fn one_pack<const J: usize>(r: &Rays, at: &[Three; J], log_share: &[Four; J], sums: &mut [Sums; J]) -> Four {
     let power = Four::splat(-1.0 / (FUZZINESS - 1.0));
     let mut squared = [Four::ZERO; J];
     let mut logs = [Four::ZERO; J];

@@ -71,7 +71,12 @@ pub struct MixtureOptions {
 
 impl Default for MixtureOptions {
     fn default() -> Self {
-        Self { budget: Budget::All, test_permutations: true, estimate_markers: false, limits: Limits::default() }
+        Self {
+            budget: Budget::All,
+            test_permutations: true,
+            estimate_markers: false,
+            limits: Limits::default(),
+        }
     }
 }
 
@@ -153,7 +158,8 @@ impl Mixture {
         self.tops.clear();
         for (_, turn) in found {
             let start = self.body.at_centroid(&self.window.origin_world_m, turn);
-            let top = self.climber.climb(&self.likelihood, &self.window, &start, &self.shares, None, SEARCH_STEPS);
+            let top =
+                self.climber.climb(&self.likelihood, &self.window, &start, &self.shares, None, SEARCH_STEPS);
             self.tops.push(top);
         }
         self.tops.sort_by(|a, b| b.objective.total_cmp(&a.objective));
@@ -205,7 +211,11 @@ impl Mixture {
         velocity_world_m_s: Vector3<f64>,
         prior: Option<&NormalPrior>,
     ) -> Result<Top, Failure> {
-        let at_s = if lines.is_empty() { 0.0 } else { lines.iter().map(|l| l.t_s).sum::<f64>() / lines.len() as f64 };
+        let at_s = if lines.is_empty() {
+            0.0
+        } else {
+            lines.iter().map(|l| l.t_s).sum::<f64>() / lines.len() as f64
+        };
         let how = Preparation {
             about_world_m: self.place_of(start),
             velocity_world_m_s,
@@ -241,7 +251,9 @@ impl Mixture {
                 continue;
             }
             let mut climb = |start: &Isometry3<f64>| {
-                self.climber.climb(&self.likelihood, &self.other, start, &self.shares, None, TEST_STEPS).objective
+                self.climber
+                    .climb(&self.likelihood, &self.other, start, &self.shares, None, TEST_STEPS)
+                    .objective
             };
             here += climb(pose);
             for (sum, turn) in sums.iter_mut().zip(&self.body.permutations) {
@@ -273,13 +285,17 @@ impl Mixture {
         prior: Option<&Prior>,
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
         let hint = prior.filter(|p| p.how != PriorUse::None);
-        let contained = hint
-            .filter(|p| p.how == PriorUse::Contained)
-            .and_then(|p| Some(NormalPrior { mean: p.world_from_capsule, information: p.covariance.cholesky()?.inverse() }));
+        let contained = hint.filter(|p| p.how == PriorUse::Contained).and_then(|p| {
+            Some(NormalPrior { mean: p.world_from_capsule, information: p.covariance.cholesky()?.inverse() })
+        });
         let velocity = hint.map_or_else(Vector3::zeros, |p| p.velocity_world_m_s);
         let start = hint.map(|p| p.world_from_capsule).or(self.memory.world_from_capsule);
         let Some(start) = start else {
-            let why = if self.memory.windows == 0 { Reinitialized::FirstWindow } else { Reinitialized::AfterFailure };
+            let why = if self.memory.windows == 0 {
+                Reinitialized::FirstWindow
+            } else {
+                Reinitialized::AfterFailure
+            };
             return Ok((self.first_pose(lines)?, Some(why)));
         };
         let followed = self.follow(lines, &start, velocity, contained.as_ref());
@@ -316,7 +332,11 @@ impl Mixture {
         let lines = self.window.len() as f64;
         if top.effective_lines < self.needed() as f64 {
             let background = 100.0 * (1.0 - top.effective_lines / lines);
-            return Err(Failure::Background { effective: top.effective_lines, background, needed: self.needed() });
+            return Err(Failure::Background {
+                effective: top.effective_lines,
+                background,
+                needed: self.needed(),
+            });
         }
         if !top.converged {
             return Err(Failure::NotConverged { steps: FULL_STEPS });
@@ -330,14 +350,16 @@ impl Mixture {
             out.covariance = turned_covariance(&out.covariance, &turn);
         }
         out.ambiguous.clear();
-        out.ambiguous.extend(self.body.twins(&out.world_from_capsule).map(|world_from_capsule| Rival {
-            world_from_capsule,
-            log_likelihood_difference: 0.0,
-        }));
+        out.ambiguous.extend(
+            self.body
+                .twins(&out.world_from_capsule)
+                .map(|world_from_capsule| Rival { world_from_capsule, log_likelihood_difference: 0.0 }),
+        );
         let pose = out.world_from_capsule;
         out.markers_world_m.clear();
-        out.markers_world_m
-            .extend(self.likelihood.markers_capsule_m.iter().map(|m| pose.transform_point(&(*m).into()).coords));
+        out.markers_world_m.extend(
+            self.likelihood.markers_capsule_m.iter().map(|m| pose.transform_point(&(*m).into()).coords),
+        );
         out.shares.clone_from(&self.climber.weights.shares);
         out.background_share = 1.0 - top.effective_lines / lines;
         out.used_lines = self.window.len();
@@ -408,7 +430,12 @@ impl Tracker for Mixture {
         "mixture"
     }
 
-    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
+    fn track_into(
+        &mut self,
+        lines: &[Line],
+        prior: Option<&Prior>,
+        out: &mut Tracked,
+    ) -> Result<(), Failure> {
         out.roles.clear();
         out.roles.resize(lines.len(), Role::Unused);
         out.reinitialized = None;
@@ -426,7 +453,10 @@ impl Tracker for Mixture {
                 return Err(failure);
             }
         };
-        if matches!(out.reinitialized, Some(Reinitialized::FirstWindow | Reinitialized::AfterFailure | Reinitialized::LikelihoodFell)) {
+        if matches!(
+            out.reinitialized,
+            Some(Reinitialized::FirstWindow | Reinitialized::AfterFailure | Reinitialized::LikelihoodFell)
+        ) {
             self.memory.recent.clear();
         }
         self.roles(&out.world_from_capsule, &mut out.roles);

@@ -98,7 +98,8 @@ impl BlockNoise {
             mean.max(SMALLEST_VARIANCE_M2)
         };
         let whole = [moment(0), moment(1), moment(2)];
-        let mut fit = Self { tail_share: 0.25, core_m2: whole.map(|v| 0.3 * v), tail_m2: whole.map(|v| 3.0 * v) };
+        let mut fit =
+            Self { tail_share: 0.25, core_m2: whole.map(|v| 0.3 * v), tail_m2: whole.map(|v| 3.0 * v) };
         for _ in 0..EM_STEPS {
             fit = fit.em_step(errors_block_m);
         }
@@ -160,7 +161,8 @@ fn one_error(
         place += Vector3::new(a, b, 0.0) * (fwhm_m / FWHM_PER_SD);
         place.z = 0.5 * g.depth_m;
     } else if end_points == EndPoints::Crystal {
-        let centre = |index: u32, pitch_m: f64, count: u32| pitch_m * (f64::from(index) - 0.5 * f64::from(count - 1));
+        let centre =
+            |index: u32, pitch_m: f64, count: u32| pitch_m * (f64::from(index) - 0.5 * f64::from(count - 1));
         let (column, row) = deposit.crystal;
         place = Vector3::new(
             centre(column, g.tangential_pitch_m, g.columns),
@@ -292,7 +294,8 @@ fn slots(scanner: &Scanner) -> Vec<u32> {
         };
         let direction = Vector3::new(x, y, 0.0).normalize();
         let facing = |b: usize| scanner.blocks[b].outward.dot(&direction);
-        *block = (0..scanner.blocks.len()).max_by(|a, b| facing(*a).total_cmp(&facing(*b))).unwrap_or(0) as u32;
+        *block =
+            (0..scanner.blocks.len()).max_by(|a, b| facing(*a).total_cmp(&facing(*b))).unwrap_or(0) as u32;
     }
     table
 }

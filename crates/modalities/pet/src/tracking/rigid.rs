@@ -52,7 +52,12 @@ impl Tracker for Rigid {
         "rigid"
     }
 
-    fn track_into(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
+    fn track_into(
+        &mut self,
+        lines: &[Line],
+        prior: Option<&Prior>,
+        out: &mut Tracked,
+    ) -> Result<(), Failure> {
         out.roles.clear();
         out.roles.resize(lines.len(), Role::Unused);
         let done = self.window(lines, prior, out);

@@ -176,7 +176,11 @@ impl Window {
         for pack in &mut self.ends {
             for lane in 0..LANES {
                 let place = |end: &Three| {
-                    Vector3::new(end[0].0[lane] + origin.x, end[1].0[lane] + origin.y, end[2].0[lane] + origin.z)
+                    Vector3::new(
+                        end[0].0[lane] + origin.x,
+                        end[1].0[lane] + origin.y,
+                        end[2].0[lane] + origin.z,
+                    )
                 };
                 pack.blocks[0][lane] = noise.block_at(&place(&pack.a));
                 pack.blocks[1][lane] = noise.block_at(&place(&pack.b));
@@ -307,7 +311,8 @@ fn shapes_of(ends: &Ends, rays: &Rays, noise: &LineNoise) -> Shapes {
     for (k, c) in [core, mixed, tail].iter().enumerate() {
         let inverse = one / (c[0] * c[2] - c[1] * c[1]);
         precision[k] = [c[2] * inverse, -(c[1] * inverse), c[0] * inverse];
-        peak[k] = Four::splat(noise.component_shares[k] / std::f64::consts::TAU) * inverse.sqrt() * ends.filled;
+        peak[k] =
+            Four::splat(noise.component_shares[k] / std::f64::consts::TAU) * inverse.sqrt() * ends.filled;
     }
     let at = [dot(&e1, &rays.foot_m), dot(&e2, &rays.foot_m)];
     // Even among the lines that pass near; the others are no one's, they count for nothing.

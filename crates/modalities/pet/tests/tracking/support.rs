@@ -207,14 +207,19 @@ impl Generator {
             }
             Ends::Physics(physics) => {
                 let b = &self.scanner.blocks[block];
-                let turned = Vector3::new(direction.dot(&b.tangential), direction.dot(&b.axial), direction.dot(&b.outward));
+                let turned = Vector3::new(
+                    direction.dot(&b.tangential),
+                    direction.dot(&b.axial),
+                    direction.dot(&b.outward),
+                );
                 let mut photon = Photon::emitted(self.scanner.to_block(block, from), turned, 510_998.95);
                 let deposit = physics.respond(&mut photon, &mut self.random)?;
                 if !passes_window(&self.scanner.detection, deposit.energy_ev, &mut self.random) {
                     return None;
                 }
                 let (column, row) = deposit.crystal;
-                self.scanner.position(CrystalIndex { x: block as u32 * self.scanner.grid.columns + column, z: row })
+                self.scanner
+                    .position(CrystalIndex { x: block as u32 * self.scanner.grid.columns + column, z: row })
             }
         }
     }
@@ -360,7 +365,8 @@ impl MotionFilter {
 
 /// The line noise of a scanner as an estimator computes it.
 pub fn noise_of(scanner: &Scanner) -> LineNoise {
-    let block = BlockNoise::of_block(scanner, &scintillator(scanner), lumenav_pet::simulation::EndPoints::Crystal);
+    let block =
+        BlockNoise::of_block(scanner, &scintillator(scanner), lumenav_pet::simulation::EndPoints::Crystal);
     LineNoise::new(scanner, &block, &SourceNoise::default())
 }
 
