@@ -1,7 +1,7 @@
 //! Marker error of the trackers on the windows of than2015, table 4.2 and 4.3, from a small generator: which tracker, how many
 //! lines, mean and standard deviation of the marker error, failures of 720 windows.
 //!
-//! `cargo run --release -p lumenav-pet --example track_table -- [windows] [seeds] [law|physics]`
+//! `cargo run --release -p lumenav-pet --example track_table -- [windows] [seeds] [simulator|physics|law] [speed] [acceleration m/s2]`
 //!
 //! Failure: any marker more than 3 mm off, only the two base markers interchangeable, or no answer. Nothing is left out of the
 //! counts; the mean is over all answered windows.
@@ -19,19 +19,59 @@ use support::{
 const ROWS: [(f64, f64); 5] = [(284.0, 0.819), (183.0, 0.759), (120.0, 0.702), (80.0, 0.642), (54.0, 0.592)];
 
 fn law() -> BlockNoise {
-    let mut law = BlockNoise::reference();
-    if let Some(scale) = std::env::var("SCALE").ok().and_then(|v| v.parse::<f64>().ok()) {
-        law.core_m2 = law.core_m2.map(|v| v * scale * scale);
-        law.tail_m2 = law.core_m2;
-    }
-    law
+    BlockNoise::reference()
+}
+
+/// Windows of the simulator, each count from its own phantom.
+fn simulated(
+    scanner: &lumenav_pet::Scanner,
+    set: &lumenav_pet::MarkerSet,
+    lines: f64,
+    seed: u64,
+    windows: usize,
+    motion: &dyn Fn(f64) -> nalgebra::Isometry3<f64>,
+) -> Vec<Vec<lumenav_pet::Line>> {
+    use lumenav_pet::simulation::{Isotope, Mode, Settings, Simulator, SourceMarker};
+    let phantom = match lines as u32 {
+        284 => "water-20",
+        183 => "water-25",
+        120 => "water-30",
+        80 => "water-35",
+        _ => "water-40",
+    };
+    let phantom = lumenav_anatomy::phantom::Phantom::from_node(&support::model("phantoms", phantom))
+        .expect("a phantom");
+    let isotope = Isotope::from_node(&support::model("isotopes", "na-22")).expect("an isotope");
+    let markers = set
+        .markers
+        .iter()
+        .map(|m| SourceMarker {
+            position_capsule_m: m.position_capsule_m,
+            activity_bq: m.activity_bq,
+            isotope: isotope.clone(),
+            core_diameter_m: m.core_diameter_m,
+            shell: None,
+        })
+        .collect();
+    let settings = Settings { mode: Mode::Forced, ..Settings::default() };
+    let mut simulator =
+        Simulator::new(scanner.clone(), support::scintillator(scanner), Some(phantom), markers, settings);
+    let streams = lumenav_core::RandomStreams::new(seed, 0, "track-table");
+    let mut out = Vec::new();
+    (0..windows)
+        .map(|w| {
+            simulator.window(motion, w as f64 * WINDOW_S, WINDOW_S, &streams, w as u64, &mut out);
+            out.iter().map(|l| l.line).collect()
+        })
+        .collect()
 }
 
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let windows: usize = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(720);
     let seeds: u64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1);
-    let physics = arguments.next().is_none_or(|a| a == "physics");
+    let source = arguments.next().unwrap_or("simulator".into());
+    let physics = source != "law";
     let speed: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1.0);
     let acceleration: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(0.03);
     let (set, scanner) = (triangle(), scanner("reduced"));
@@ -46,17 +86,21 @@ fn main() {
     }
     println!(
         "{windows} windows, ends by {}, speed x{speed}, acceleration {acceleration} m/s2, 1 rad/s2",
-        if physics { "physics" } else { "law" }
+        source
     );
     for (lines, share) in ROWS {
-        let share = if std::env::var_os("CLEAN").is_some() { 0.999 } else { share };
         for seed in 1..=seeds {
             let ends = if physics { Ends::physics(&scanner) } else { Ends::Law(law()) };
             let mut generator = Generator::new(scanner.clone(), ends, set.clone(), seed);
             let motion = |t: f64| helix(t, speed);
-            let all: Vec<Vec<lumenav_pet::Line>> = (0..windows)
-                .map(|w| generator.poisson_window(&motion, w as f64 * WINDOW_S, lines, share))
-                .collect();
+            let all: Vec<Vec<lumenav_pet::Line>> = if source == "simulator" {
+                simulated(&scanner, &set, lines, seed, windows, &motion)
+            } else {
+                (0..windows)
+                    .map(|w| generator.poisson_window(&motion, w as f64 * WINDOW_S, lines, share))
+                    .collect()
+            };
+            let lines = all.iter().map(Vec::len).sum::<usize>() as f64 / windows as f64;
             let kinds: [(&str, Box<dyn Tracker>, bool); 4] = [
                 ("fcm", Box::new(Fcm::new(&set, ClassicOptions::default())), false),
                 ("rigid", Box::new(Rigid::new(&set, ClassicOptions::default())), false),
@@ -76,16 +120,6 @@ fn main() {
                     let truth = motion((w as f64 + 0.5) * WINDOW_S);
                     let answer = if moving {
                         filter.step(tracker.as_mut(), window, WINDOW_S)
-                    } else if std::env::var_os("TRUTH").is_some() {
-                        tracker.track(
-                            window,
-                            Some(&lumenav_pet::tracking::Prior {
-                                world_from_capsule: truth,
-                                covariance: nalgebra::Matrix6::identity(),
-                                velocity_world_m_s: nalgebra::Vector3::zeros(),
-                                how: lumenav_core::PriorUse::StartOnly,
-                            }),
-                        )
                     } else {
                         tracker.track(window, None)
                     };
@@ -127,7 +161,7 @@ fn main() {
                 let sd = (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / n).sqrt();
                 let nees = nees / (errors.len() - failures).max(1) as f64;
                 println!(
-                    "{lines:4} lines seed {seed} {name:15} {mean:.3} +- {sd:.3} mm, wrong {failures}, refused {refused} {why:?}, searches {searched}, NEES {nees:.1}, {us:.0} us"
+                    "{lines:5.1} lines seed {seed} {name:15} {mean:.3} +- {sd:.3} mm, wrong {failures}, refused {refused} {why:?}, searches {searched}, NEES {nees:.1}, {us:.0} us"
                 );
             }
         }

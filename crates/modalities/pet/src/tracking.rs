@@ -194,9 +194,11 @@ pub struct Memory {
     pub markers_world_m: Vec<Vector3<f64>>,
     /// Shares of the markers.
     pub shares: Vec<f64>,
-    /// Share of background lines.
+    /// Share of background lines in the last window.
     pub background_share: Option<f64>,
-    /// Mean log-likelihood per line of the last windows.
+    /// Share of background among the lines that pass near, over some windows (`mixture`).
+    pub background_near: Option<f64>,
+    /// Log-likelihood per line, less that of mere background, of the last windows.
     pub mean_log_likelihoods: Vec<f64>,
     /// Marker positions in the capsule's frame as estimated so far; `None` where they are not estimated.
     pub marker_estimate: Option<estimate_markers::MarkerEstimate>,

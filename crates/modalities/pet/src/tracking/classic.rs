@@ -6,8 +6,9 @@
 //! no share below 0.01, free markers 7 to 16 mm apart (3 mm beyond the set's own least and largest distance), and, which the
 //! thesis does not ask, no answer where under 30 per cent of the kept lines pass a marker.
 //!
-//! The covariance is the sandwich `H⁻¹ (Σ g gᵀ) H⁻¹` of the weighted least squares at the pose, memberships held: an estimate of its
-//! own scatter; it knows nothing of wrong memberships, so it is somewhat too small where markers' lines overlap.
+//! The covariance is `κ σ² (Σ Jᵀ A J)⁻¹` with σ² the weighted mean squared distance per dimension and κ = [`INFLATION`]: memberships
+//! that move with the pose, and lines beyond reach that are not seen, make the plain form too small. κ is 1: not calibrated, so this
+//! covariance is overconfident; fuse `mixture`'s instead.
 
 use super::body::Body;
 use super::budget::{Budget, TRUE_LINES_PER_MARKER};
@@ -15,7 +16,6 @@ use super::centroid::{Centroid, Weight};
 use super::climb::Limits;
 use super::failure::Failure;
 use super::initialize::Search;
-use super::likelihood::MAX_MARKERS;
 use super::membership::{REACH_M, Share, pass};
 use super::window::{Preparation, Window};
 use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked};
@@ -39,6 +39,10 @@ const PASSING_END: f64 = 0.3;
 const LEAST_SHARE: f64 = 0.01;
 /// Passes for each candidate of a search.
 const CANDIDATE_PASSES: usize = 6;
+/// Covariance over that of weighted least squares with fixed memberships: 1, not calibrated.
+const INFLATION: f64 = 1.0;
+/// Least variance of a line, m²: a fifth of a millimetre, so that few lines that happen to meet do not claim a certainty.
+const SMALLEST_VARIANCE_M2: f64 = 4e-8;
 /// Kept lines per degree of freedom.
 const FEWEST_KEPT: usize = 6;
 
@@ -83,6 +87,8 @@ pub(crate) struct Classic {
     pub(crate) shares: Vec<f64>,
     pub(crate) sums: Vec<Share>,
     starts: Vec<Isometry3<f64>>,
+    /// Cost of the last pass, m².
+    cost_m2: f64,
 }
 
 impl Classic {
@@ -100,6 +106,7 @@ impl Classic {
             centroid: Centroid::default(),
             search: Search::default(),
             starts: Vec::new(),
+            cost_m2: 0.0,
         }
     }
 
@@ -161,14 +168,14 @@ impl Classic {
                 return false;
             }
         }
-        let passing = self.memberships(None);
+        let passing = self.memberships();
         passing >= PASSING_START * self.centroid.kept().len() as f64
     }
 
     /// A pass at the present places; the lines within reach of a marker.
-    pub(crate) fn memberships(&mut self, arms_m: Option<&[Vector3<f64>]>) -> f64 {
+    pub(crate) fn memberships(&mut self) -> f64 {
         let rays = self.centroid.kept_rays();
-        pass(rays, &self.places_m, &self.shares, arms_m, &mut self.sums);
+        self.cost_m2 = pass(rays, &self.places_m, &self.shares, &mut self.sums);
         self.sums.iter().map(|s| s.members).sum()
     }
 
@@ -193,7 +200,7 @@ impl Classic {
             self.shares.clone_from(&self.body.shares);
             for _ in 0..CANDIDATE_PASSES {
                 self.place(&pose);
-                self.memberships(None);
+                self.memberships();
                 if !self.rigid_step(&mut pose) {
                     break;
                 }
@@ -279,7 +286,7 @@ impl Classic {
         out: &mut Tracked,
     ) -> Result<(), Failure> {
         let kept = self.centroid.kept().len();
-        let passing = self.memberships(None);
+        let passing = self.memberships();
         if passing < PASSING_END * kept as f64 {
             return Err(Failure::Background {
                 effective: passing,
@@ -340,25 +347,13 @@ impl Classic {
         Ok(())
     }
 
-    fn covariance(&mut self, pose: &Isometry3<f64>) -> Result<Matrix6<f64>, Failure> {
-        let mut arms = [Vector3::zeros(); MAX_MARKERS];
-        let count = self.body.len().min(MAX_MARKERS);
-        let mut places = [Vector3::zeros(); MAX_MARKERS];
-        for ((arm, place), m) in arms.iter_mut().zip(&mut places).zip(&self.body.markers_m) {
-            *arm = pose.rotation * m;
-            *place = pose.translation.vector + *arm;
-        }
-        let rays = self.centroid.kept_rays();
-        let total = pass(rays, &places[..count], &self.shares, Some(&arms[..count]), &mut self.sums);
+    /// From the sums of the last pass.
+    fn covariance(&self, pose: &Isometry3<f64>) -> Result<Matrix6<f64>, Failure> {
         let (matrix, _) = self.normal(pose);
-        let Some(root) = Cholesky::<f64, Const<6>>::new(matrix) else { return Err(Failure::Indefinite) };
-        let r = pose.rotation.to_rotation_matrix().into_inner();
-        let mut turn = Matrix6::identity();
-        turn.fixed_view_mut::<3, 3>(3, 3).copy_from(&r.transpose());
-        let inverse = root.inverse();
-        let sandwich = inverse * (turn * total.outer * turn.transpose()) * inverse;
-        let information = sandwich.try_inverse().ok_or(Failure::Indefinite)?;
-        super::climb::covariance(&((information + information.transpose()) * 0.5), &self.options.limits)
+        let weight: f64 = self.sums.iter().map(|s| s.weight).sum();
+        let variance_m2 = 0.5 * self.cost_m2 / weight.max(f64::MIN_POSITIVE);
+        let scale = INFLATION * variance_m2.max(SMALLEST_VARIANCE_M2);
+        super::climb::covariance(&(matrix / scale), &self.options.limits)
     }
 
     fn roles(&self, roles: &mut [Role]) {

@@ -51,6 +51,8 @@ pub(crate) struct Top {
     /// Log-likelihood, log-prior of the shares and, where contained, of the pose.
     pub(crate) objective: f64,
     pub(crate) log_likelihood: f64,
+    /// Log-likelihood less that of a window that is all background: comparable between windows prepared about different places.
+    pub(crate) gain: f64,
     /// Inverse of the covariance, the prior's included.
     pub(crate) information: Matrix6<f64>,
     pub(crate) effective_lines: f64,
@@ -156,6 +158,7 @@ impl Climber {
             pose: *pose,
             objective: e.log_likelihood,
             log_likelihood: e.log_likelihood,
+            gain: e.log_likelihood - window.near() as f64 * window.background_per_m2.ln(),
             information: e.information,
             effective_lines: e.effective_lines(),
             converged: false,

@@ -42,6 +42,9 @@ fn one(shape: &Shapes, lane: usize) -> One {
 
 /// Force and torque about the capsule's origin, world axes.
 pub(super) fn of_line(shape: &Shapes, lane: usize, placed: &[Placed], background: f64) -> Matrix6<f64> {
+    if shape.filled.0[lane] == 0.0 {
+        return Matrix6::zeros();
+    }
     let line = one(shape, lane);
     let flat = |v: &Vector3<f64>| Vector2::new(line.e1.dot(v), line.e2.dot(v));
     let places: Vec<Vector2<f64>> = placed.iter().map(|p| flat(&p.at_m)).collect();

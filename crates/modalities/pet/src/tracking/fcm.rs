@@ -29,7 +29,7 @@ impl Fcm {
         let c = &mut self.classic;
         let (_, why) = c.begin(lines, prior)?;
         for _ in 0..MAX_PASSES {
-            c.memberships(None);
+            c.memberships();
             let mut largest_m: f64 = 0.0;
             for (place, sums) in c.places_m.iter_mut().zip(&c.sums) {
                 if sums.weight > 0.0 {

@@ -9,10 +9,10 @@
 //! `n_iz² - 1` belongs, eq. 3.10 lacks a minus that 6.22 has. Here A is positive semidefinite and d points from marker to line.
 //! Distances below 1 um count as 1 um, so that a line through a marker is its own and nothing divides by zero.
 
-use super::lanes::{Four, Three, cross, dot, splat3};
+use super::lanes::{Four, Three, dot, splat3};
 use super::likelihood::MAX_MARKERS;
 use super::window::Rays;
-use nalgebra::{Matrix3, Matrix6, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use pulp::Arch;
 
 /// Exponent of the memberships.
@@ -35,13 +35,6 @@ pub(crate) struct Share {
     pub(crate) matrix: Matrix3<f64>,
 }
 
-/// Sums over all markers.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Total {
-    /// Σ g gᵀ, g = Σ_k u^q [d; a x d] (world axes, about the capsule's origin); zero where not asked for.
-    pub(crate) outer: Matrix6<f64>,
-}
-
 #[derive(Clone, Copy, Default)]
 struct Sums {
     members: Four,
@@ -50,36 +43,29 @@ struct Sums {
     matrix: [Four; 6],
 }
 
-/// A pass: memberships at these places with these shares. `arms_m`: places from the capsule's origin, for `outer`.
-pub(crate) fn pass(
-    rays: &[Rays],
-    places_m: &[Vector3<f64>],
-    shares: &[f64],
-    arms_m: Option<&[Vector3<f64>]>,
-    out: &mut [Share],
-) -> Total {
-    fn fixed<const J: usize, const OUTER: bool>(
+/// A pass: memberships at these places with these shares; `Σ u^q d²`, m².
+pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out: &mut [Share]) -> f64 {
+    fn fixed<const J: usize>(
         rays: &[Rays],
         places_m: &[Vector3<f64>],
         shares: &[f64],
-        arms_m: &[Vector3<f64>],
         out: &mut [Share],
-    ) -> Total {
+    ) -> f64 {
         let used = places_m.len().min(J);
         let place = |k: usize| places_m.get(k).copied().unwrap_or_default();
         let at: [Three; J] = std::array::from_fn(|k| splat3(&place(k)));
-        let arms: [Three; J] = std::array::from_fn(|k| splat3(&arms_m.get(k).copied().unwrap_or_default()));
         // Empty places: a logarithm so low that they own nothing.
         let log_share: [Four; J] =
             std::array::from_fn(|k| Four::splat(shares.get(k).map_or(-600.0, |f| f.max(1e-9).ln())));
         let mut sums = [Sums::default(); J];
-        let mut outer = [Four::ZERO; 21];
-        Arch::new().dispatch(
+        let cost_m2 = Arch::new().dispatch(
             #[inline(always)]
             || {
+                let mut cost = Four::ZERO;
                 for r in rays {
-                    one_pack::<J, OUTER>(r, &at, &arms, &log_share, &mut sums, &mut outer);
+                    cost += one_pack::<J>(r, &at, &log_share, &mut sums);
                 }
+                cost.sum()
             },
         );
         for (share, s) in out.iter_mut().zip(&sums[..used]) {
@@ -90,45 +76,25 @@ pub(crate) fn pass(
                 matrix: Matrix3::identity() * s.weight.sum() - super::likelihood::symmetric(&s.matrix),
             };
         }
-        let mut total = Total::default();
-        let mut n = 0;
-        for i in 0..6 {
-            for l in i..6 {
-                total.outer[(i, l)] = outer[n].sum();
-                total.outer[(l, i)] = total.outer[(i, l)];
-                n += 1;
-            }
-        }
-        total
+        cost_m2
     }
-    match (places_m.len(), arms_m) {
-        (0..=3, None) => fixed::<3, false>(rays, places_m, shares, &[], out),
-        (4..=6, None) => fixed::<6, false>(rays, places_m, shares, &[], out),
-        (_, None) => fixed::<MAX_MARKERS, false>(rays, places_m, shares, &[], out),
-        (0..=3, Some(arms)) => fixed::<3, true>(rays, places_m, shares, arms, out),
-        (_, Some(arms)) => fixed::<MAX_MARKERS, true>(rays, places_m, shares, arms, out),
+    match places_m.len() {
+        0..=3 => fixed::<3>(rays, places_m, shares, out),
+        4..=6 => fixed::<6>(rays, places_m, shares, out),
+        _ => fixed::<MAX_MARKERS>(rays, places_m, shares, out),
     }
 }
 
 #[inline(always)]
-fn one_pack<const J: usize, const OUTER: bool>(
-    r: &Rays,
-    at: &[Three; J],
-    arms: &[Three; J],
-    log_share: &[Four; J],
-    sums: &mut [Sums; J],
-    outer: &mut [Four; 21],
-) {
+fn one_pack<const J: usize>(r: &Rays, at: &[Three; J], log_share: &[Four; J], sums: &mut [Sums; J]) -> Four {
     let power = Four::splat(-1.0 / (FUZZINESS - 1.0));
     let mut squared = [Four::ZERO; J];
     let mut logs = [Four::ZERO; J];
-    let mut offsets = [[Four::ZERO; 3]; J];
     let mut least = Four::splat(f64::INFINITY);
     for k in 0..J {
         let v: Three = std::array::from_fn(|i| r.foot_m[i] - at[k][i]);
         let along = dot(&v, &r.direction);
-        offsets[k] = std::array::from_fn(|i| v[i] - along * r.direction[i]);
-        squared[k] = dot(&offsets[k], &offsets[k]).max(Four::splat(SMALLEST_M2));
+        squared[k] = (dot(&v, &v) - along * along).max(Four::splat(SMALLEST_M2));
         logs[k] = log_share[k] + power * squared[k].ln();
         least = (-logs[k]).min(least);
     }
@@ -140,7 +106,7 @@ fn one_pack<const J: usize, const OUTER: bool>(
     }
     let log_total = total.ln();
     let reach = Four::splat(REACH_M * REACH_M);
-    let mut score = [Four::ZERO; 6];
+    let mut cost = Four::ZERO;
     for k in 0..J {
         let log = logs[k] - log_total;
         let inside = squared[k].less_select(reach, r.filled, Four::ZERO);
@@ -149,6 +115,7 @@ fn one_pack<const J: usize, const OUTER: bool>(
         let s = &mut sums[k];
         s.members += u;
         s.weight += w;
+        cost += w * squared[k];
         let n = &r.direction;
         let wn: Three = std::array::from_fn(|i| w * n[i]);
         for i in 0..3 {
@@ -158,22 +125,6 @@ fn one_pack<const J: usize, const OUTER: bool>(
         for (sum, (i, l)) in s.matrix.iter_mut().zip(pairs) {
             *sum += wn[i] * n[l];
         }
-        if OUTER {
-            let force: Three = std::array::from_fn(|i| w * offsets[k][i]);
-            let torque = cross(&arms[k], &force);
-            for i in 0..3 {
-                score[i] += force[i];
-                score[i + 3] += torque[i];
-            }
-        }
     }
-    if OUTER {
-        let mut n = 0;
-        for i in 0..6 {
-            for l in i..6 {
-                outer[n] += score[i] * score[l];
-                n += 1;
-            }
-        }
-    }
+    cost
 }

@@ -46,8 +46,11 @@ const AMBIGUOUS: f64 = 4.0;
 const SAME_POSE_M: f64 = 3e-3;
 /// Lines per degree of freedom that the markers must explain.
 const LINES_PER_FREEDOM: usize = 2;
-/// Background share before the first window: the middle of than2015 table 4.2 (20 to 50 per cent).
-const FIRST_BACKGROUND: f64 = 0.35;
+/// Background share before the first window, among the lines that pass near: 20 to 50 per cent of all (than2015 table 4.2), of which
+/// a fifth passes within 30 mm.
+const FIRST_BACKGROUND: f64 = 0.1;
+/// Lines that pass the outermost marker at less than 5 mm plus this are looked at, m: beyond, one true line in a hundred.
+const MARGIN_M: f64 = 0.015;
 /// Steps of a climb from a candidate and in a test.
 const SEARCH_STEPS: u32 = 15;
 const TEST_STEPS: u32 = 6;
@@ -98,8 +101,9 @@ pub struct Mixture {
 
 impl Mixture {
     /// For a marker set in a scanner.
-    pub fn new(set: &MarkerSet, noise: LineNoise, options: MixtureOptions) -> Self {
+    pub fn new(set: &MarkerSet, mut noise: LineNoise, options: MixtureOptions) -> Self {
         let body = Body::new(set);
+        noise.background_radius_m = noise.background_radius_m.max(body.spared_m + MARGIN_M);
         Self {
             likelihood: Likelihood::new(body.markers_m.clone()),
             shares: SharePrior { shares: body.shares.clone(), background: FIRST_BACKGROUND },
@@ -232,7 +236,7 @@ impl Mixture {
         let variance = known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (known.len() - 1) as f64;
         let lines = self.window.len().max(1) as f64;
         let sd = variance.sqrt().max(LEAST_SPREAD / lines.sqrt());
-        top.log_likelihood / lines < mean - FALL_SD * sd
+        top.gain / lines < mean - FALL_SD * sd
     }
 
     /// Climbs the last windows again from every other order of the markers; the turn that explains them better, if one does.
@@ -316,9 +320,7 @@ impl Mixture {
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
         self.search(lines, None)?;
         let found = self.unambiguous();
-        let better = found
-            .as_ref()
-            .is_ok_and(|f| followed.is_none_or(|t| f.log_likelihood > t.log_likelihood + BETTER));
+        let better = found.as_ref().is_ok_and(|f| followed.is_none_or(|t| f.gain > t.gain + BETTER));
         if better || followed.is_none() {
             return Ok((found?, Some(Reinitialized::LikelihoodFell)));
         }
@@ -359,7 +361,7 @@ impl Mixture {
             self.likelihood.markers_capsule_m.iter().map(|m| pose.transform_point(&(*m).into()).coords),
         );
         out.shares.clone_from(&self.climber.weights.shares);
-        out.background_share = self.climber.weights.background;
+        out.background_share = 1.0 - top.effective_lines / lines;
         out.used_lines = self.window.len();
         out.log_likelihood = top.log_likelihood;
         out.prior_use = hint.map_or(PriorUse::None, |p| p.how);
@@ -372,8 +374,7 @@ impl Mixture {
         let weights = &self.climber.weights;
         let used = self.likelihood.place(pose, &self.window.origin_world_m, weights, &mut placed);
         for (pack, shape) in self.window.shapes.iter().enumerate() {
-            let background = shape.background;
-            let mut best = background.0.map(|b| (b * weights.background, Role::Background));
+            let mut best = shape.background.0.map(|b| (b * weights.background, Role::Background));
             for (j, p) in placed[..used].iter().enumerate() {
                 let of_marker = density(shape, p).0;
                 for (best, value) in best.iter_mut().zip(of_marker) {
@@ -396,10 +397,11 @@ impl Mixture {
         if known.len() >= REMEMBERED {
             known.remove(0);
         }
-        known.push(top.log_likelihood / self.window.len().max(1) as f64);
-        // The background's share follows over some windows.
+        known.push(top.gain / self.window.len().max(1) as f64);
+        // The background's share follows over some windows; it is that among the lines that pass near.
         self.shares.background += 0.2 * (self.climber.weights.background - self.shares.background);
-        self.memory.background_share = Some(self.shares.background);
+        self.memory.background_near = Some(self.shares.background);
+        self.memory.background_share = Some(out.background_share);
         self.memory.shares.clone_from(&self.climber.weights.shares);
         self.memory.centroid_world_m = Some(self.place_of(&out.world_from_capsule));
         self.memory.markers_world_m.clone_from(&out.markers_world_m);
@@ -471,7 +473,7 @@ impl Tracker for Mixture {
     }
 
     fn recall(&mut self, memory: Memory) {
-        self.shares.background = memory.background_share.unwrap_or(FIRST_BACKGROUND);
+        self.shares.background = memory.background_near.unwrap_or(FIRST_BACKGROUND);
         if let Some(estimate) = &memory.marker_estimate {
             self.likelihood.markers_capsule_m.clone_from_slice(estimate.markers_m());
             self.estimate = Some(estimate.clone());

@@ -28,7 +28,7 @@ impl Rigid {
         let (mut pose, why) = c.begin(lines, prior)?;
         for _ in 0..MAX_PASSES {
             c.place(&pose);
-            c.memberships(None);
+            c.memberships();
             let before = pose;
             if !c.rigid_step(&mut pose) {
                 return Err(Failure::Indefinite);
@@ -41,7 +41,7 @@ impl Rigid {
             }
         }
         c.place(&pose);
-        c.memberships(None);
+        c.memberships();
         c.update_shares();
         c.finish(&pose, prior, why, out)
     }

@@ -37,7 +37,7 @@ pub(crate) struct Shapes {
     pub(crate) peak: [Four; COMPONENTS],
     /// Density of the background at the markers, 1/m².
     pub(crate) background: Four,
-    /// 1 for a line, 0 for a pack's empty places.
+    /// 1 for a line that passes near, else 0.
     pub(crate) filled: Four,
 }
 
@@ -60,6 +60,9 @@ pub struct Window {
     pub(crate) indices: Vec<u32>,
     ends: Vec<Ends>,
     given: usize,
+    near: usize,
+    /// Density of the background, 1/m².
+    pub(crate) background_per_m2: f64,
 }
 
 /// How a window is made ready.
@@ -89,6 +92,11 @@ impl Window {
     /// Lines that are in.
     pub fn len(&self) -> usize {
         self.indices.len()
+    }
+
+    /// Lines that pass near enough to enter the likelihood.
+    pub fn near(&self) -> usize {
+        self.near
     }
 
     /// Whether none is in.
@@ -184,6 +192,8 @@ impl Window {
             #[inline(always)]
             || shapes.extend(ends.iter().zip(rays).map(|(e, r)| shapes_of(e, r, noise))),
         );
+        self.near = self.shapes.iter().map(|s| s.filled.sum()).sum::<f64>() as usize;
+        self.background_per_m2 = 1.0 / (std::f64::consts::PI * noise.background_radius_m.powi(2));
     }
 
     /// Loads and shapes.
@@ -305,9 +315,9 @@ fn shapes_of(ends: &Ends, rays: &Rays, noise: &LineNoise) -> Shapes {
             Four::splat(noise.component_shares[k] / std::f64::consts::TAU) * inverse.sqrt() * ends.filled;
     }
     let at = [dot(&e1, &rays.foot_m), dot(&e2, &rays.foot_m)];
-    // Two-dimensional Cauchy density about the origin: s / (2π (s² + r²)^(3/2)).
-    let scale = Four::splat(noise.background_scale_m);
-    let r2 = scale * scale + at[0] * at[0] + at[1] * at[1];
-    let background = scale / (Four::splat(std::f64::consts::TAU) * r2 * r2.sqrt());
-    Shapes { e1, e2, at, precision, peak, background, filled: ends.filled }
+    // Even among the lines that pass near; the others are no one's, they count for nothing.
+    let radius = Four::splat(noise.background_radius_m);
+    let filled = (at[0] * at[0] + at[1] * at[1]).less_select(radius * radius, ends.filled, Four::ZERO);
+    let background = Four::splat(1.0) / (Four::splat(std::f64::consts::PI) * radius * radius);
+    Shapes { e1, e2, at, precision, peak, background, filled }
 }

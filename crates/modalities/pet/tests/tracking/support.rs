@@ -2,8 +2,8 @@
 //!
 //! Lines are made in one of two ways: `Ends::Law` draws each end's error from a core and a tail in its block's frame (fast; heavy
 //! tails, but the law is the tracker's own), `Ends::Physics` follows both photons through the blocks' crystals (the tracker's law
-//! is then an approximation, as with real data). Background lines pass the capsule at a distance with a two-dimensional Cauchy
-//! law, as the study's corrupted lines do. Directions are those that both blocks of a pair can see.
+//! is then an approximation, as with real data). Background lines pass the capsule at a distance with
+//! Rayleigh's law, as the simulator's scattered and random lines do. Directions are those that both blocks of a pair can see.
 
 use lumenav_core::pose::{exp_so3, ominus, oplus};
 use lumenav_core::{Node, PriorUse, RandomStream, RandomStreams};
@@ -234,12 +234,8 @@ impl Generator {
             }
             let n = (b - a).normalize();
             let (e1, e2) = lumenav_core::pose::tangent_basis(&n);
-            // Two-dimensional Cauchy: r = s sqrt(u^-2 - 1).
-            let u: f64 = 1.0 - self.random.random::<f64>();
-            let r = 0.030 * (u.powi(-2) - 1.0).sqrt();
-            if r > 0.2 {
-                continue;
-            }
+            // Impact parameters of corrupted lines, reduced scanner: 20, 33, 53, 74, 91 mm, which is Rayleigh's law of 45 mm.
+            let r = 0.045 * (-2.0 * (1.0 - self.random.random::<f64>()).ln()).sqrt();
             let turn = std::f64::consts::TAU * self.random.random::<f64>();
             let through = centre + e1 * (r * turn.cos()) + e2 * (r * turn.sin());
             let half = 0.5 * (b - a).norm();
