@@ -13,10 +13,10 @@ check:
 test:
     cargo test --workspace
 
-# Full-size acceptance; writes docs/validation/foundation.json. On a machine that does nothing else.
-validate:
+# Full-size acceptance; writes docs/validation/<issue>.json. On a machine that does nothing else.
+validate issue="foundation":
     cargo build --release
-    cargo run --release --example validate -- foundation
+    cargo run --release --example validate -- {{issue}}
 
 # Benches, each beside its crate; then the peers in the same run, where Python has them (each script names its packages).
 bench:
@@ -24,6 +24,9 @@ bench:
     cargo bench --workspace --bench eskf
     cargo bench --workspace --bench solve
     cargo bench --workspace --bench engine
+    cargo bench --workspace --bench simulate
+    cargo bench --workspace --bench track
+    cargo bench --workspace --bench reader
     -for script in tests/cross/*_bench.py; do python3 "$script"; done
 
 # Makes the expected values of other programs anew (Python 3.11; each script names its pinned packages).

@@ -1,7 +1,7 @@
 //! Full-size acceptance: every line an issue promises, measured, written to `docs/validation/<issue>.json`.
 //!
 //! ```sh
-//! cargo build --release && cargo run --release --example validate -- foundation [WORDS…]
+//! cargo build --release && cargo run --release --example validate -- foundation|pet [WORDS…]
 //! ```
 //!
 //! Words after the issue choose the rows whose name holds one of them; the others keep what the file says of them. A row that
@@ -9,6 +9,7 @@
 
 mod figures;
 mod foundation;
+mod pet;
 mod row;
 mod tools;
 
@@ -24,7 +25,8 @@ fn main() {
     };
     match issue.as_str() {
         "foundation" => foundation::rows(&mut sheet),
-        other => return refuse(&format!("no issue `{other}`; allowed: foundation")),
+        "pet" => pet::rows(&mut sheet),
+        other => return refuse(&format!("no issue `{other}`; allowed: foundation, pet")),
     }
     match sheet.close() {
         Ok(0) => {}

@@ -2,7 +2,8 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
-use lumenav::report::{Metrics, Timing, TrackMetrics, Trials};
+use lumenav::evaluation::plausibility::SpeedFigures;
+use lumenav::report::{Metrics, PairDistance, Timing, TrackMetrics, Trials};
 use lumenav::reproduce;
 
 fn number(value: Option<f64>, digits: usize) -> String {
@@ -97,7 +98,39 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
             text = format!("{text}\n{name}: {line}");
         }
     }
+    for line in expectations(metrics) {
+        text = format!("{text}\n{line}");
+    }
     text
+}
+
+/// What the scenario expects of the motion, in words.
+fn expectations(metrics: &Metrics) -> Vec<String> {
+    let expected = &metrics.expected;
+    let speed = |(name, s): (&String, &SpeedFigures)| {
+        format!(
+            "{name}: {:.1} % of {} steps within {} m/s (median {:.3}, p95 {:.3}, fastest {:.3} m/s)",
+            100.0 * s.share_within,
+            s.steps,
+            s.limit_m_s,
+            s.speed_m_s.median,
+            s.speed_m_s.p95,
+            s.speed_m_s.max
+        )
+    };
+    let distance = |pair: &PairDistance| {
+        let [a, b] = &pair.tracks;
+        pair.figures.map_or_else(
+            || format!("distance {a} - {b}: no instant with an estimate of both"),
+            |d| {
+                format!(
+                    "distance {a} - {b}: {:.2} mm (median {:.2}, robust sd {:.2}; {} of {} instants outliers; mean of all {:.2})",
+                    d.mean_without_outliers_mm, d.median_mm, d.robust_sd_mm, d.outliers, d.instants, d.mean_mm
+                )
+            },
+        )
+    };
+    expected.speed.iter().map(speed).chain(expected.distance.iter().map(distance)).collect()
 }
 
 /// Refusals in words; `None` where there were none.

@@ -6,7 +6,7 @@
 //! **How wrong was it?** [`pose_error`] compares one estimate with the truth of the same instant; [`summary`]
 //! collects such errors into mean, RMSE, median, p95 and maximum ([`bounded`] in constant memory); [`trajectory`] gives absolute and relative
 //! errors (ATE, APE, RPE) of whole trajectories as the tool `evo` does; [`bound`] sets the error against the
-//! best that the measurements allow.
+//! best that the measurements allow; [`plausibility`] asks what can be asked without a truth.
 //!
 //! **Did it know?** An estimator that is 2 mm off and claims 2 mm is worth more than one that is 1 mm off and
 //! claims 0.1 mm: a doctor, a magnet controller or another filter acts on the claim. The measure is the
@@ -53,6 +53,7 @@ pub mod consistency;
 pub mod displacement;
 pub mod error;
 pub mod monte_carlo;
+pub mod plausibility;
 pub mod pose_error;
 pub mod summary;
 pub mod trajectory;

@@ -131,6 +131,7 @@ pub fn header(file: &ScenarioFile, seed: u64, trial: u64, has_truth: bool) -> Re
         sensors: file.sensors.iter().map(sensor_header).collect(),
         capsule: file.body,
         has_truth,
+        expect: file.expect.clone(),
         scenario_toml: file.node.to_toml().map(|t| t.to_string()).unwrap_or_default(),
     })
 }

@@ -7,6 +7,7 @@
 use lumenav_core::{
     CapsuleBody, CapsuleTruth, Frame, Measurement, Name, Primitive, PublishedEstimate, Reading, SimTime,
 };
+pub use lumenav_scenario::file::{DistanceTable, ExpectTable};
 use nalgebra::Vector3;
 
 /// What is known before the first event.
@@ -28,6 +29,8 @@ pub struct RunHeader {
     pub capsule: CapsuleBody,
     /// Whether there is a truth to compare with.
     pub has_truth: bool,
+    /// What is known of the motion without a truth.
+    pub expect: ExpectTable,
     /// The scenario file as it was run, overrides applied.
     pub scenario_toml: String,
 }

@@ -19,6 +19,7 @@ use lumenav_core::{
     ReadingStream, Recorded, Registry, Sensor, SimTime,
 };
 use lumenav_fusion::{Counters, Hindsight, Turn};
+use lumenav_scenario::file::RecordTable;
 use lumenav_scenario::{ScenarioFile, World};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -146,7 +147,7 @@ pub fn replay(
         let ahead = next_reading(&name, &mut stream, SimTime::ZERO, observers)?;
         streams.push((name, stream, ahead));
     }
-    let mut clock = ReplayClock::new(file.record.scene_rate_hz.0);
+    let mut clock = ReplayClock::new(&file.record);
     while let Some(reading) = earliest(&mut streams, observers)? {
         if stop() {
             return Err(RunError::Stopped { at: reading.arrival });
@@ -207,6 +208,7 @@ fn next_reading(
 struct ReplayClock {
     next_tick: Option<SimTime>,
     next_scene: Option<SimTime>,
+    tick_period_ns: i64,
     scene_period_ns: i64,
 }
 
@@ -214,9 +216,14 @@ struct ReplayClock {
 const MAX_TICKS_PER_HOLE: i64 = 1_000_000;
 
 impl ReplayClock {
-    fn new(scene_rate_hz: f64) -> Self {
-        let scene_period_ns = nanoseconds(1.0 / scene_rate_hz).max(1);
-        Self { next_tick: None, next_scene: None, scene_period_ns }
+    fn new(record: &RecordTable) -> Self {
+        let period_ns = |rate_hz: f64| nanoseconds(1.0 / rate_hz).max(1);
+        Self {
+            next_tick: None,
+            next_scene: None,
+            tick_period_ns: period_ns(record.truth_rate_hz.0),
+            scene_period_ns: period_ns(record.scene_rate_hz.0),
+        }
     }
 
     fn advance_to(
@@ -226,7 +233,7 @@ impl ReplayClock {
         observers: &mut Observers<'_>,
     ) -> Result<(), RunError> {
         let mut tick = *self.next_tick.get_or_insert(to);
-        let step_ns = (to.0.saturating_sub(tick.0) / MAX_TICKS_PER_HOLE).max(NANOSECONDS_PER_SECOND);
+        let step_ns = (to.0.saturating_sub(tick.0) / MAX_TICKS_PER_HOLE).max(self.tick_period_ns);
         while tick <= to {
             observers.tell(&RunEvent::Clock { at: tick })?;
             tick = tick + step_ns;

@@ -41,8 +41,8 @@ pub use log::{
 pub use manifest::{FileEntry, Machine, Manifest, Provenance, fingerprint, read_json, write_manifest};
 pub use mcap::write_mcap;
 pub use metrics::{
-    AxisError, DRIFT_SPAN_M, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis,
-    RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
+    AxisError, DRIFT_SPAN_M, Expectations, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures,
+    PairDistance, PerAxis, RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
 };
 pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};

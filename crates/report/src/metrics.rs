@@ -21,7 +21,9 @@ use lumenav_evaluation::bounded::BoundedQuantiles;
 use lumenav_evaluation::consistency::one_run::{NeesAccumulator, NeesSummary, NisAccumulator};
 use lumenav_evaluation::consistency::verdict::Verdict;
 use lumenav_evaluation::displacement::{DisplacementErrors, Span};
+use lumenav_evaluation::plausibility::{DistanceCheck, DistanceFigures, SpeedCheck, SpeedFigures};
 use lumenav_evaluation::summary::{Quantiles, ScalarSummary};
+use lumenav_pipeline::events::DistanceTable;
 use lumenav_pipeline::{ObserverError, Refusal, RunEvent, RunHeader, RunObserver, TrackUpdate};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -54,6 +56,27 @@ pub struct Metrics {
     pub tracks: BTreeMap<String, TrackMetrics>,
     /// What the sensors delivered.
     pub sensors: BTreeMap<String, SensorMetrics>,
+    /// What the scenario expects of the motion (`[expect]`), checked.
+    #[serde(default)]
+    pub expected: Expectations,
+}
+
+/// Checks that need no truth.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Expectations {
+    /// Speed of each track between estimates that a measurement has entered, where a limit is set.
+    pub speed: BTreeMap<String, SpeedFigures>,
+    /// Distance of the pairs of tracks that are named.
+    pub distance: Vec<PairDistance>,
+}
+
+/// How far two tracks are apart.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PairDistance {
+    /// The tracks.
+    pub tracks: [String; 2],
+    /// `null` where no instant has an estimate of both.
+    pub figures: Option<DistanceFigures>,
 }
 
 /// What one sensor delivered.
@@ -330,6 +353,67 @@ impl Collector {
     }
 }
 
+/// A pair of tracks, and where each was last.
+struct Pair {
+    tracks: [String; 2],
+    last: [Option<(SimTime, Vector3<f64>)>; 2],
+    check: DistanceCheck,
+}
+
+/// Collects what needs no truth.
+#[derive(Default)]
+struct Plausibility {
+    speeds: BTreeMap<Name, SpeedCheck>,
+    pairs: Vec<Pair>,
+}
+
+impl Plausibility {
+    fn new(header: &RunHeader) -> Self {
+        let limit = header.expect.max_speed_m_s;
+        let speeds =
+            limit.map(|limit| header.tracks.iter().map(move |t| (t.name.clone(), SpeedCheck::new(limit.0))));
+        let pair = |pair: &DistanceTable| Pair {
+            tracks: pair.tracks.clone(),
+            last: [None; 2],
+            check: DistanceCheck::default(),
+        };
+        Self {
+            speeds: speeds.into_iter().flatten().collect(),
+            pairs: header.expect.distance.iter().map(pair).collect(),
+        }
+    }
+
+    fn update(&mut self, update: &TrackUpdate<'_>) {
+        if !update.accepted {
+            return;
+        }
+        let (at, position) = (update.estimate.at, update.estimate.pose.world_from_capsule.translation.vector);
+        if let Some(speed) = self.speeds.get_mut(update.track) {
+            speed.push(at.seconds(), position);
+        }
+        for pair in &mut self.pairs {
+            let Some(k) = pair.tracks.iter().position(|name| name.as_str() == &**update.track) else {
+                continue;
+            };
+            pair.last[k] = Some((at, position));
+            if let [Some((a_at, a)), Some((b_at, b))] = pair.last
+                && a_at == b_at
+            {
+                pair.check.push(&a, &b);
+            }
+        }
+    }
+
+    fn expectations(&mut self) -> Expectations {
+        let speed = |(name, check): (&Name, &mut SpeedCheck)| Some((name.to_string(), check.figures()?));
+        let pair = |pair: &Pair| PairDistance { tracks: pair.tracks.clone(), figures: pair.check.figures() };
+        Expectations {
+            speed: self.speeds.iter_mut().filter_map(speed).collect(),
+            distance: self.pairs.iter().map(pair).collect(),
+        }
+    }
+}
+
 /// Collects the metrics of a run; writes `metrics.json` where it was given a folder.
 #[derive(Default)]
 pub struct MetricsObserver {
@@ -337,6 +421,7 @@ pub struct MetricsObserver {
     header: Option<RunHeader>,
     tracks: BTreeMap<Name, Collector>,
     sensors: BTreeMap<Name, SensorMetrics>,
+    plausibility: Plausibility,
     last: SimTime,
     result: Option<Metrics>,
 }
@@ -382,6 +467,7 @@ impl MetricsObserver {
             }
             RunEvent::Update(update) => {
                 self.last = self.last.max(update.estimate.at);
+                self.plausibility.update(update);
                 if let Some(track) = self.tracks.get_mut(update.track) {
                     track.update(update).map_err(failed(update.track))?;
                 }
@@ -412,6 +498,7 @@ impl MetricsObserver {
             duration_s: header.duration_s.unwrap_or(self.last.seconds()),
             tracks: self.tracks.iter_mut().map(|(name, track)| (name.to_string(), track.metrics())).collect(),
             sensors: self.sensors.iter().map(|(name, sensor)| (name.to_string(), *sensor)).collect(),
+            expected: self.plausibility.expectations(),
         };
         if let Some(path) = &self.path {
             write_json(path, &metrics)?;
@@ -425,6 +512,7 @@ impl RunObserver for MetricsObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
         self.tracks = header.tracks.iter().map(|track| (track.name.clone(), Collector::new())).collect();
         self.sensors = header.sensors.iter().map(|s| (s.name.clone(), SensorMetrics::default())).collect();
+        self.plausibility = Plausibility::new(header);
         self.header = Some(header.clone());
         Ok(())
     }

@@ -97,3 +97,23 @@ fn published_few_lines_are_followed_by_all_estimators() {
     assert!(mean(54, "mixture") < mean(54, "fcm"));
     assert!(table.settings.iter().any(|(name, _)| name == "motion prior"));
 }
+
+#[test]
+fn published_jump_loses_only_who_does_not_look_for_it() {
+    let table = quick("than2015/jump", &OneAfterAnother);
+    check(&table);
+    let [back, lost] = [&table.rows[0], &table.rows[1]];
+    assert!(back.ours["fcm"].unwrap() <= 1.0, "{back:?}");
+    assert_eq!(lost.ours["fcm, no prediction"], Some(1.0), "{lost:?}");
+    assert_eq!(lost.verdict, Verdict::Reproduced);
+    assert_eq!(lost.ours["fcm"], Some(0.0), "{lost:?}");
+}
+
+#[test]
+fn published_static_cylinder_in_a_dozen_windows() {
+    let table = quick("than2015/static-cylinder", &OneAfterAnother);
+    check(&table);
+    let mean = &table.rows[0];
+    assert!(mean.ours.values().all(|error| error.unwrap() < 2.0), "{mean:?}");
+    assert!(mean.ours["mixture"].unwrap() < mean.ours["fcm"].unwrap(), "{mean:?}");
+}

@@ -1,7 +1,7 @@
 //! The scenario file: one TOML that says what happens, what is installed, what is real, and who estimates.
 //!
 //! Tables: `[scenario]`, `[tract]`, `[capsule]`, `[motility]`, `[engine]`, `[truth]`, `[[sensor]]` (with `.schedule`,
-//! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[fault]]`, `[record]`.
+//! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[fault]]`, `[record]`, `[expect]`.
 //! Every key has a default that makes sense, unknown keys are errors, and every error names file, line, key and what is
 //! allowed. The same reader serves replays: there `[[sensor]]` has `.files` instead of a schedule.
 
@@ -44,6 +44,10 @@ pub(crate) const CAPSULE_SOURCES: [(&str, &str); 2] = [
 pub(crate) const TRACT_SOURCES: [(&str, &str); 2] = [
     ("length_scale", "chosen: the tract as its file says"),
     ("radius_scale", "chosen: the tract as its file says"),
+];
+pub(crate) const EXPECT_SOURCES: [(&str, &str); 2] = [
+    ("max_speed_m_s", "chosen: nothing is expected that the file does not say"),
+    ("distance", "chosen: nothing is expected that the file does not say"),
 ];
 pub(crate) const RECORD_SOURCES: [(&str, &str); 2] = [
     ("truth_rate_hz", "chosen: a capsule at 22 mm/s moves 2.2 mm between two rows"),
@@ -272,6 +276,24 @@ impl Default for RecordTable {
     }
 }
 
+/// `[expect]`: what is known of the motion without a truth, and is checked.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ExpectTable {
+    /// No track moves faster between estimates, m/s; absent: not checked.
+    pub max_speed_m_s: Option<Positive>,
+    /// Pairs of tracks whose distance is reported.
+    pub distance: Vec<DistanceTable>,
+}
+
+/// `[[expect.distance]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DistanceTable {
+    /// Two tracks.
+    pub tracks: [String; 2],
+}
+
 /// A scenario or replay as read: typed where the framework decides, nodes where a plugin does.
 #[derive(Clone, Debug)]
 pub struct ScenarioFile {
@@ -293,6 +315,8 @@ pub struct ScenarioFile {
     pub faults: Vec<Fault>,
     /// `[record]`.
     pub record: RecordTable,
+    /// `[expect]`.
+    pub expect: ExpectTable,
     /// Where models are found.
     pub models: ModelFolder,
     /// The file.
@@ -323,6 +347,8 @@ struct Outline {
     _fault: Option<IgnoredAny>,
     #[serde(rename = "record")]
     _record: Option<IgnoredAny>,
+    #[serde(rename = "expect")]
+    _expect: Option<IgnoredAny>,
 }
 
 impl ScenarioFile {
@@ -362,6 +388,7 @@ impl ScenarioFile {
         let record: RecordTable = record_node.parse_sourced(&RECORD_SOURCES)?;
         check_range(&record_node, "truth_rate_hz", record.truth_rate_hz.0, 1e-6, 1e4)?;
         check_range(&record_node, "scene_rate_hz", record.scene_rate_hz.0, 1e-6, 1e4)?;
+        let expect = read_expectations(&node, &tracks)?;
         Ok(Self {
             scenario,
             capsule,
@@ -372,10 +399,27 @@ impl ScenarioFile {
             tracks,
             faults,
             record,
+            expect,
             models,
             node,
         })
     }
+}
+
+fn read_expectations(node: &Node, tracks: &[TrackEntry]) -> Result<ExpectTable, ConfigError> {
+    let table = node.child_or_empty("expect");
+    let expect: ExpectTable = table.parse_sourced(&EXPECT_SOURCES)?;
+    for (pair, entry) in expect.distance.iter().zip(table.children("distance")?) {
+        let known: Vec<&str> = tracks.iter().map(|t| &*t.name).collect();
+        if let Some(unknown) = pair.tracks.iter().find(|name| !known.contains(&name.as_str())) {
+            let message = format!("no track `{unknown}`; there are: {}", known.join(", "));
+            return Err(entry.error_at("tracks", &message));
+        }
+        if pair.tracks[0] == pair.tracks[1] {
+            return Err(entry.error_at("tracks", "the distance of a track from itself; name two tracks"));
+        }
+    }
+    Ok(expect)
 }
 
 /// Refuses a number outside its range, at its key.

@@ -68,21 +68,49 @@ pub enum Output {
     Fcm,
     /// The lines themselves for the filter; a pose only to start from.
     Lines,
+    /// The position of one of several independent points (tracer particles, calibration sources).
+    Points,
 }
 
 /// `[track.sensor.<name>]` for a PET sensor.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptionsTable {
-    /// `mixture`, `rigid`, `fcm` (poses) or `lines` (for the filter).
+    /// `mixture`, `rigid`, `fcm` (poses), `lines` (for the filter) or `points` (positions of independent points).
     pub front_end: Output,
-    /// Whether a pose that is about to be lost is searched for anew: the failure prediction of than2015, section 3.4.4 (`fcm`,
+    /// Whether a pose that is lost, or about to be, is searched for anew: the failure prediction of than2015, section 3.4.4 (`fcm`,
     /// `rigid`), the test of the markers' orders over several windows (`mixture`, `lines`).
     pub predict_failures: bool,
     /// Whether the markers' places in the capsule are estimated on the way (`mixture`, `lines`).
     pub estimate_markers: bool,
     /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
     pub most_lines: Option<u32>,
+    /// How many independent points there are (`points`).
+    pub points: u32,
+    /// Which of them this track follows, counted from 1 in the order in which they are found: by x, then y, then z (`points`).
+    pub point: u32,
+}
+
+/// More points than this in one field of view are not told apart.
+const MOST_POINTS: u32 = 16;
+
+impl OptionsTable {
+    /// Reads and checks the table.
+    ///
+    /// # Errors
+    /// [`ModalityError::Config`] with file, line and key.
+    pub fn from_node(node: &Node) -> Result<Self, ModalityError> {
+        let table: Self = node.parse_sourced(&OPTIONS_SOURCES)?;
+        if !(1..=MOST_POINTS).contains(&table.points) {
+            let message = format!("{} points; allowed: 1 to {MOST_POINTS}", table.points);
+            return Err(node.error_at("points", &message).into());
+        }
+        if !(1..=table.points).contains(&table.point) {
+            let message = format!("point {}; allowed: 1 to {} (`points`)", table.point, table.points);
+            return Err(node.error_at("point", &message).into());
+        }
+        Ok(table)
+    }
 }
 
 impl Default for OptionsTable {
@@ -92,6 +120,8 @@ impl Default for OptionsTable {
             predict_failures: true,
             estimate_markers: false,
             most_lines: None,
+            points: 1,
+            point: 1,
         }
     }
 }
@@ -116,11 +146,13 @@ pub const REALITY_SOURCES: [(&str, &str); 5] = [
 ];
 
 /// See [`INSTALLED_SOURCES`].
-pub const OPTIONS_SOURCES: [(&str, &str); 4] = [
+pub const OPTIONS_SOURCES: [(&str, &str); 6] = [
     ("front_end", "chosen: the estimator that gives a covariance"),
     ("predict_failures", "than2015, section 3.4.4: a track that is lost stays lost without it"),
     ("estimate_markers", "chosen: the markers stand where the capsule's model says"),
     ("most_lines", "chosen: no line is thrown away unseen"),
+    ("points", "chosen: a single particle"),
+    ("point", "chosen: the first that is found"),
 ];
 
 /// `[sensor.installed]` with its models opened.

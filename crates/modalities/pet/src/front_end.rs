@@ -10,6 +10,11 @@
 //! settles on another pose than the filter's, the front end *insists*: it hands over that pose instead of lines until the filter,
 //! which refuses it at first, has given up its belief and started from it.
 
+mod points;
+mod scene;
+
+pub use points::PointFrontEnd;
+
 use crate::config::{Installed, OptionsTable, Output};
 use crate::line::Line;
 use crate::markers::MarkerSet;
@@ -19,11 +24,12 @@ use crate::tracking::ClassicOptions;
 use crate::tracking::budget::Budget;
 use crate::tracking::fcm::Fcm;
 use crate::tracking::likelihood::{Likelihood, Weights};
-use crate::tracking::mixture::{Mixture, MixtureOptions};
+use crate::tracking::mixture::{FIRST_BACKGROUND, Mixture, MixtureOptions};
 use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
+use crate::tracking::points::Points;
 use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
-use crate::tracking::{Failure, Memory, Prior, Reinitialized, Role, Tracked, Tracker};
+use crate::tracking::{Failure, Memory, Prior, Reinitialized, Tracked, Tracker};
 use lumenav_core::fix::FixModel;
 use lumenav_core::pose::ominus;
 use lumenav_core::{
@@ -88,6 +94,14 @@ impl PetFrontEnd {
         }
     }
 
+    /// Forgets all windows and keeps the last window's pose alone, as a place to start from: earlier windows, which said too little
+    /// for a first pose, can then be answered.
+    pub fn rewind(&mut self) {
+        let world_from_capsule = Some(self.tracked.world_from_capsule);
+        self.tracker.recall(Memory { world_from_capsule, ..Memory::default() });
+        self.insisting = 0;
+    }
+
     /// What a pose of these markers can claim.
     fn kind(&self) -> FixKind {
         if self.symmetric { FixKind::Pointing } else { FixKind::Full }
@@ -115,12 +129,12 @@ impl PetFrontEnd {
     /// Share of the background with the pose held fixed, by expectation-maximisation: how the lines divide where the tracker could
     /// not say.
     fn background_at(model: &mut LinesModel, pose: &Isometry3<f64>) -> f64 {
-        let lines = model.window.len().max(1) as f64;
+        let near = model.window.near() as f64;
         let mut explained = 0.0;
         for _ in 0..BACKGROUND_STEPS {
             let found = model.evaluate(pose);
             explained = found.effective_lines();
-            model.weights.background = ((found.background_lines + 1.0) / (lines + 2.0)).clamp(0.0, 1.0);
+            model.weights.background = share_of(found.background_lines, near);
         }
         explained
     }
@@ -162,7 +176,7 @@ impl PetFrontEnd {
         let model: Arc<dyn MeasurementModel> =
             match self.window_about(&self.tracked.world_from_capsule, prior, reading.at().seconds()) {
                 Ok(mut lines) => {
-                    lines.weights = self.weights();
+                    lines.weights = self.weights(&lines.window);
                     Arc::new(FixOfLines(lines))
                 }
                 Err(_) => Arc::new(FixModel),
@@ -170,11 +184,16 @@ impl PetFrontEnd {
         self.measured(reading, fix.to_frame(), model, Some(fix), used)
     }
 
-    fn weights(&self) -> Weights {
-        if self.tracked.shares.len() == self.markers.len() {
-            Weights { shares: self.tracked.shares.clone(), background: self.tracked.background_share }
-        } else {
-            self.model.weights.clone()
+    /// The tracker's shares; the background's is that among the lines of `window` that pass near.
+    fn weights(&self, window: &Window) -> Weights {
+        if self.tracked.shares.len() != self.markers.len() {
+            return self.model.weights.clone();
+        }
+        let explained = (1.0 - self.tracked.background_share) * self.tracked.used_lines as f64;
+        let near = window.near() as f64;
+        Weights {
+            shares: self.tracked.shares.clone(),
+            background: share_of((near - explained).max(0.0), near),
         }
     }
 
@@ -190,7 +209,7 @@ impl PetFrontEnd {
             Ok(model) => model,
             Err(why) => return refused(&why.to_string()),
         };
-        model.weights = self.weights();
+        model.weights = self.weights(&model.window);
         let explained = match tracked {
             Ok(()) => model.evaluate(&about).effective_lines(),
             Err(_) => Self::background_at(&mut model, &about),
@@ -240,9 +259,14 @@ pub(crate) fn build(
     options: &OptionsTable,
     setup: &Setup,
 ) -> Result<Estimator, ModalityError> {
-    let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
     let block = BlockNoise::of_block(&installed.scanner, &installed.scintillator, installed.table.end_points);
     let noise = Arc::new(LineNoise::new(&installed.scanner, &block, &SourceNoise::default()));
+    if options.front_end == Output::Points {
+        let points = Points::new(options.points as usize, (*noise).clone());
+        let which = options.point as usize - 1;
+        return Ok(Estimator::of_front_end(PointFrontEnd::new(setup.sensor.clone(), points, which)));
+    }
+    let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
     let tracker = tracker(options, &markers, &noise);
     let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
     let activity = markers.total_activity_bq();
@@ -251,7 +275,7 @@ pub(crate) fn build(
         likelihood,
         noise,
         window: Arc::default(),
-        weights: Weights { shares, background: EXPECTED_BACKGROUND },
+        weights: Weights { shares, background: FIRST_BACKGROUND },
     };
     Ok(Estimator::of_front_end(PetFrontEnd::new(
         setup.sensor.clone(),
@@ -275,7 +299,8 @@ fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Bo
     match options.front_end {
         Output::Fcm => Box::new(Fcm::new(markers, classic())),
         Output::Rigid => Box::new(Rigid::new(markers, classic())),
-        Output::Mixture | Output::Lines => {
+        // Points have no tracker of a rigid set; they were built before.
+        Output::Mixture | Output::Lines | Output::Points => {
             let mixture = MixtureOptions {
                 budget: most.map_or(Budget::All, Budget::AtMost),
                 test_permutations: options.predict_failures,
@@ -287,8 +312,10 @@ fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Bo
     }
 }
 
-/// Share of the background before any window has told: the middle of than2015, table 4.2 (20 to 50 per cent).
-const EXPECTED_BACKGROUND: f64 = 0.35;
+/// A share, with one line on each side before any was counted: neither may be without a voice.
+fn share_of(lines: f64, of: f64) -> f64 {
+    (lines + 1.0) / (of + 2.0)
+}
 
 /// A turn that brings the markers onto themselves within this cannot be told from none: a third of a line's noise (2 mm) over the
 /// root of the lines that a marker has in a window (60).
@@ -354,61 +381,15 @@ impl FrontEnd for PetFrontEnd {
     }
 
     fn scene(&self, out: &mut Vec<Primitive>) {
-        out.push(self.drawn_lines());
-        if !self.tracked.markers_world_m.is_empty() {
-            out.push(self.drawn_markers());
-        }
-    }
-}
-
-/// Colour of a line by what it was taken for, `0xRRGGBBAA`: markers in colours that the colour-blind can tell apart (Okabe and Ito
-/// 2008), what is not theirs in greys.
-pub(crate) fn line_colour(role: Role) -> u32 {
-    const MARKERS: [u32; 6] = [0xe69f_00ff, 0x56b4_e9ff, 0x009e_73ff, 0xf0e4_42ff, 0xd55e_00ff, 0xcc79_a7ff];
-    match role {
-        Role::Marker(i) => MARKERS[usize::from(i) % MARKERS.len()],
-        Role::Background => 0x8080_8050,
-        Role::Dropped => 0xa040_4060,
-        Role::Unused => 0x4040_4040,
-    }
-}
-
-/// Half the length of a line as drawn, m: the markers' neighbourhood, not the whole scanner.
-const DRAWN_HALF_LENGTH_M: f64 = 0.06;
-/// At most so many lines are drawn: a picture of more is a ball of wool, and a recording has a size to keep.
-const MOST_DRAWN: usize = 120;
-
-impl PetFrontEnd {
-    /// The window's lines, coloured by what the tracker took them for.
-    fn drawn_lines(&self) -> Primitive {
-        let centre: Vector3<f64> = if self.tracked.markers_world_m.is_empty() {
+        let markers = &self.tracked.markers_world_m;
+        let centre = if markers.is_empty() {
             self.tracked.world_from_capsule.translation.vector
         } else {
-            self.tracked.markers_world_m.iter().sum::<Vector3<f64>>()
-                / self.tracked.markers_world_m.len() as f64
+            markers.iter().sum::<Vector3<f64>>() / markers.len() as f64
         };
-        let every = self.lines.len().div_ceil(MOST_DRAWN).max(1);
-        let (mut strips, mut rgba) = (Vec::new(), Vec::new());
-        for (i, line) in self.lines.iter().enumerate().step_by(every) {
-            let Some(along) = line.direction() else { continue };
-            let nearest =
-                line.ends_world_m[0] + along.into_inner() * along.dot(&(centre - line.ends_world_m[0]));
-            let end = |sign: f64| {
-                (nearest + along.into_inner() * (sign * DRAWN_HALF_LENGTH_M)).map(|v| v as f32).into()
-            };
-            strips.push(vec![end(-1.0), end(1.0)]);
-            rgba.push(line_colour(self.tracked.roles.get(i).copied().unwrap_or(Role::Unused)));
-        }
-        Primitive::Lines { path: "lines".to_owned(), strips_world_m: strips, rgba }
-    }
-
-    fn drawn_markers(&self) -> Primitive {
-        let places = &self.tracked.markers_world_m;
-        Primitive::Points {
-            path: "markers".to_owned(),
-            positions_world_m: places.iter().map(|m| m.map(|v| v as f32).into()).collect(),
-            rgba: (0..places.len()).map(|i| line_colour(Role::Marker(i as u8))).collect(),
-            radius_m: 1.2e-3,
+        out.push(scene::lines(&self.lines, &self.tracked.roles, &centre));
+        if !markers.is_empty() {
+            out.push(scene::markers(markers));
         }
     }
 }

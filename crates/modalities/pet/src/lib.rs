@@ -31,7 +31,7 @@ pub use line::Line;
 pub use markers::{Marker, MarkerSet};
 pub use scanner::{CrystalIndex, Scanner};
 
-use config::{Installed, OPTIONS_SOURCES, OptionsTable, REALITY_SOURCES, RealityTable};
+use config::{Installed, OptionsTable, REALITY_SOURCES, RealityTable};
 use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
 use sensor::PetSensor;
 
@@ -49,7 +49,7 @@ impl Modality for Pet {
     }
 
     fn front_ends(&self) -> &'static [&'static str] {
-        &["mixture", "rigid", "fcm", "lines"]
+        &["mixture", "rigid", "fcm", "lines", "points"]
     }
 
     fn sensor(
@@ -68,7 +68,7 @@ impl Modality for Pet {
 
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
-        let table: OptionsTable = options.parse_sourced(&OPTIONS_SOURCES)?;
+        let table = OptionsTable::from_node(options)?;
         front_end::build(&opened, &table, setup)
     }
 

@@ -6,6 +6,8 @@
 //! | [`rigid`] | the same memberships, the pose itself by least squares | than2015, chapter 6 |
 //! | [`mixture`] | likelihood of the pose: a component per marker, an explicit background, noise per line from the scanner | this project |
 //!
+//! [`points`] follows independent points (tracer particles, calibration sources) by the same likelihood, each with a place and no attitude.
+//!
 //! Below them: [`window`] (lines made ready for the loops), [`noise`] (covariance of a line's offset from its marker), [`centroid`],
 //! [`initialize`] and [`likelihood`] (value, gradient and observed information of a pose: what a tight filter update reads).
 //!
@@ -37,6 +39,7 @@ pub mod likelihood;
 mod membership;
 pub mod mixture;
 pub mod noise;
+pub mod points;
 pub mod rigid;
 pub mod thompson;
 pub mod window;
@@ -49,6 +52,7 @@ pub use fcm::Fcm;
 pub use likelihood::{Evaluation, Likelihood, Weights};
 pub use mixture::{Mixture, MixtureOptions};
 pub use noise::{BlockNoise, LineNoise, SourceNoise};
+pub use points::{Points, TrackedPoint};
 pub use rigid::Rigid;
 pub use window::{Preparation, Window};
 

@@ -19,6 +19,7 @@ use lumenav_pet::config::Output;
 use lumenav_pet::front_end::PetFrontEnd;
 use lumenav_pet::model::LinesModel;
 use lumenav_pet::payload;
+use lumenav_pet::tracking::mixture::FIRST_BACKGROUND;
 use lumenav_pet::tracking::{
     BlockNoise, Budget, ClassicOptions, Fcm, Likelihood, LineNoise, Mixture, MixtureOptions, Rigid,
     SourceNoise, Weights, Window as PreparedWindow,
@@ -29,15 +30,14 @@ use std::sync::Arc;
 
 /// Name of `fcm`.
 pub const FCM: &str = "fcm";
+/// Name of the rigid fit to the points of `fcm`.
+pub const REGISTERED: &str = "fcm, registered";
 /// Name of `rigid`.
 pub const RIGID: &str = "rigid";
 /// Name of the mixture without motion prior.
 pub const ALONE: &str = "mixture alone";
 /// Name of the mixture in the filter.
 pub const FILTERED: &str = "mixture";
-
-/// Share of the background before any window has told: the middle of than2015, table 4.2.
-const EXPECTED_BACKGROUND: f64 = 0.35;
 
 /// How the filter believes that the capsule moves: velocity and angular rate as random walks, forgotten never.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,6 +93,19 @@ impl Estimators {
         Box::new(Alone::named(Box::new(Fcm::new(&self.set.markers, options)), FCM))
     }
 
+    /// The marker set fitted rigidly to the free markers of `fcm` (section 6.5).
+    ///
+    /// # Errors
+    /// Not three markers.
+    pub fn registered(&self, budget: Budget) -> Result<Box<dyn Follower>, ReproduceError> {
+        let options = ClassicOptions { budget, ..ClassicOptions::default() };
+        let markers: Result<[Vector3<f64>; 3], _> = self.set.markers.positions_capsule_m().try_into();
+        let markers =
+            markers.map_err(|_| ReproduceError::of_part(REGISTERED)("three markers were asked for"))?;
+        let fcm = Box::new(Fcm::new(&self.set.markers, options));
+        Ok(Box::new(Alone::named(fcm, REGISTERED).on_body(markers)))
+    }
+
     /// `rigid` on at most so many lines.
     pub fn rigid(&self, budget: Budget) -> Box<dyn Follower> {
         let options = ClassicOptions { budget, ..ClassicOptions::default() };
@@ -118,7 +131,7 @@ impl Estimators {
             likelihood: Arc::new(Likelihood::new(markers.positions_capsule_m())),
             noise: self.noise.clone(),
             window: Arc::new(PreparedWindow::default()),
-            weights: Weights { shares, background: EXPECTED_BACKGROUND },
+            weights: Weights { shares, background: FIRST_BACKGROUND },
         };
         let sensor = Name::from("scanner");
         let tracker = Box::new(self.mixture(budget));
@@ -127,7 +140,8 @@ impl Estimators {
         Box::new(WithFilter {
             sensor,
             front_end,
-            filter: Eskf::new(options, Vec::new()),
+            filter: Eskf::new(options.clone(), Vec::new()),
+            options,
             markers_capsule_m: markers.positions_capsule_m(),
         })
     }
@@ -148,6 +162,7 @@ struct WithFilter {
     sensor: Name,
     front_end: PetFrontEnd,
     filter: Eskf,
+    options: EskfOptions,
     markers_capsule_m: Vec<Vector3<f64>>,
 }
 
@@ -195,5 +210,10 @@ impl Follower for WithFilter {
             markers.map_err(|_| ReproduceError::of_part(FILTERED)("three markers were asked for"))?;
         let markers_world_m = placed(&estimate.pose.world_from_capsule, &markers);
         Ok(Some(Followed { markers_world_m, shares: Vec::new() }))
+    }
+
+    fn rewind(&mut self) {
+        self.front_end.rewind();
+        self.filter = Eskf::new(self.options.clone(), Vec::new());
     }
 }

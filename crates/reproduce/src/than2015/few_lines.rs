@@ -3,8 +3,8 @@
 //! Each count comes from its own cylinder of table 4.2, not by thinning: the true share falls with it. The markers' activity is set so
 //! that the mean count is the table's (the factor is printed). All estimators see the same windows.
 
+use super::case::{self, Led, Path, lines_per_window, per_seed};
 use super::estimators::{ALONE, Estimators, FILTERED, MotionPrior};
-use super::follow::Run;
 use super::motion::{Helix, Motion};
 use super::published::{FEW_LINES, FewLinesRow, HELIX_RUNS, RATES, WINDOW_S};
 use super::scoring::Score;
@@ -39,9 +39,7 @@ const QUICK_WINDOWS: usize = 40;
 struct Cell {
     row: usize,
     fast: bool,
-    names: Vec<String>,
-    scores: Vec<Score>,
-    lines: f64,
+    led: Led,
     activity_factor: f64,
 }
 
@@ -52,7 +50,9 @@ type Figured = fn(&Score) -> f64;
 pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
     let factors = context.jobs("activity", RATES.len(), |row| {
         let set = Set::than2015(context.models, "reduced", RATES[row].phantom)?;
-        set.activity_factor(f64::from(FEW_LINES[row].lines), WINDOW_S, context.size.pick(1.0, QUICK_PILOT))
+        let helix = Helix { times_faster: 1.0 };
+        let pilot = context.size.pick(1.0, QUICK_PILOT);
+        set.activity_factor(&helix, f64::from(FEW_LINES[row].lines), WINDOW_S, pilot)
     })?;
     let mut jobs = Vec::new();
     for (row, goal) in GOALS_FAST_MM.iter().enumerate() {
@@ -79,39 +79,37 @@ fn cell(context: &Context<'_>, job: (usize, bool, u64), factors: &[f64]) -> Resu
     let mut set = Set::than2015(context.models, "reduced", rate.phantom)?;
     set.scale_activity(factors[row]);
     let name = format!("few-lines-{}{}", rate.phantom, if fast { "-fast" } else { "" });
-    let mut source = Source::new(&set, seed, &name);
     let helix = Helix { times_faster: if fast { FAST } else { 1.0 } };
     let all = helix.windows(WINDOW_S);
-    let windows = context.size.pick(all, all.min(QUICK_WINDOWS));
-    let run =
-        Run { motion: &helix, window_s: WINDOW_S, windows, markers_capsule_m: set.markers_capsule_m()? };
-    let mut followers = Estimators::new(&set).all(Budget::AtMost(BUDGET), MOTION_PRIOR);
-    let names = followers.iter().map(|f| f.name().to_owned()).collect();
-    let scores = run.lead(&mut followers, |sequence, start_s, lines| {
-        source.window(&helix, start_s, WINDOW_S, sequence, lines);
-        Ok(())
-    })?;
-    let lines = source.tally().lines as f64 / windows as f64;
-    Ok(Cell { row, fast, names, scores, lines, activity_factor: factors[row] })
+    let path =
+        Path { motion: &helix, window_s: WINDOW_S, windows: context.size.pick(all, all.min(QUICK_WINDOWS)) };
+    let followers = Estimators::new(&set).all(Budget::AtMost(BUDGET), MOTION_PRIOR);
+    let led = case::lead(&set, path, &name, seed, followers)?;
+    Ok(Cell { row, fast, led, activity_factor: factors[row] })
+}
+
+/// The seeds of a row.
+fn of(cells: &[Cell], row: usize, fast: bool) -> Vec<&Led> {
+    cells.iter().filter(|c| c.row == row && c.fast == fast).map(|c| &c.led).collect()
 }
 
 fn describe(table: &mut Table, cells: &[Cell]) {
-    let windows = cells.iter().find(|c| !c.fast).map_or(0, |c| c.scores[0].windows);
+    let windows = cells.iter().find(|c| !c.fast).map_or(0, |c| c.led.scores[0].windows);
     table.set("path", format!("helix of 36 s, {windows} windows of 50 ms of {HELIX_RUNS} per seed"));
     table.set("scanner", "reduced, crystal centres as ends of lines, acollinearity 0.5 degrees");
     table.set("simulator", Source::MODE);
     table.set("motion prior", MOTION_PRIOR.in_words());
     for (row, published) in FEW_LINES.iter().enumerate() {
-        let of_row: Vec<&Cell> = cells.iter().filter(|c| c.row == row && !c.fast).collect();
-        let Some(first) = of_row.first() else { continue };
-        let lines = of_row.iter().map(|c| c.lines).sum::<f64>() / of_row.len() as f64;
+        let Some(first) = cells.iter().find(|c| c.row == row) else { continue };
+        let lines = lines_per_window(&of(cells, row, false));
         let text =
             format!("{}, activity x {:.3}: {lines:.1} lines", RATES[row].phantom, first.activity_factor);
         table.set(&format!("{} lines", published.lines), text);
     }
     table.note(
         "error: distance of a marker from its place in the middle of the window, only the two base markers interchangeable; windows \
-         without a pose count as failed and keep the last pose in the means",
+         without a pose count as failed and keep the last pose in the means; up to four windows before an estimator's first pose are \
+         answered late, starting from it",
     );
     table.note(format!(
         "`{FILTERED}` has the lines as likelihood in a filter with a motion prior, one setting of process noise for the whole table; the \
@@ -119,18 +117,9 @@ fn describe(table: &mut Table, cells: &[Cell]) {
     ));
 }
 
-/// A figure of all estimators, per seed.
-fn per_seed(row: Row, cells: &[&Cell], value: impl Fn(&Score) -> f64, worst: bool) -> Row {
-    let Some(first) = cells.first() else { return row };
-    first.names.iter().enumerate().fold(row, |row, (k, name)| {
-        let values: Vec<f64> = cells.iter().map(|cell| value(&cell.scores[k])).collect();
-        if worst { row.ours_worst(name, &values) } else { row.ours_mean(name, &values) }
-    })
-}
-
 fn rows(table: &mut Table, cells: &[Cell], row: usize) {
     let FewLinesRow { lines, mean_mm, sd_mm, failures } = FEW_LINES[row];
-    let of_row: Vec<&Cell> = cells.iter().filter(|c| c.row == row && !c.fast).collect();
+    let of_row = of(cells, row, false);
     let relative = Tolerance::Relative(TOLERANCE);
     let mean = Row::new(format!("mean marker error at {lines} lines"), "mm", Some(mean_mm));
     let mean = per_seed(mean, &of_row, Score::mean_mm, false).goal(FILTERED, GOALS_MM[row]);
@@ -144,7 +133,7 @@ fn rows(table: &mut Table, cells: &[Cell], row: usize) {
     let sd = Row::new(format!("standard deviation of it at {lines} lines"), "mm", Some(sd_mm));
     let sd = per_seed(sd, &of_row, Score::sd_mm, false);
     table.rows.push(sd.judged(FILTERED, Sense::LowerIsBetter, relative, ""));
-    let windows = of_row.first().map_or(0, |c| c.scores[0].windows);
+    let windows = of_row.first().map_or(0, |led| led.scores[0].windows);
     // The published count is of 720 windows.
     let published = f64::from(failures) * windows as f64 / HELIX_RUNS as f64;
     let failed = Row::new(
@@ -154,20 +143,25 @@ fn rows(table: &mut Table, cells: &[Cell], row: usize) {
     );
     let failed = per_seed(failed, &of_row, |s| s.failed_3_mm as f64, true).goal(FILTERED, 0.0);
     table.rows.push(failed.judged(FILTERED, Sense::LowerIsBetter, Tolerance::Absolute(0.0), ""));
-    let others: [(&str, Figured); 2] = [
-        ("5 mm, as chapter 6 counts", |s| s.failed_5_mm as f64),
-        ("section 5.5.1's check, as chapter 5 counts", |s| s.failed_check as f64),
+    let others: [(&str, Figured); 5] = [
+        ("windows that failed (5 mm, as chapter 6 counts)", |s| s.failed_5_mm as f64),
+        ("windows that failed (section 5.5.1's check, as chapter 5 counts)", |s| s.failed_check as f64),
+        ("windows without a pose, all of them among those that failed", |s| s.without_pose as f64),
+        ("windows before the first pose, all of them among those that failed", |s| {
+            s.before_first_pose as f64
+        }),
+        ("windows of the start answered late, once the first pose was found", |s| s.answered_late as f64),
     ];
-    for (how, value) in others {
-        let other = Row::new(format!("windows that failed ({how}) at {lines} lines, worst seed"), "", None);
+    for (what, value) in others {
+        let other = Row::new(format!("{what}, at {lines} lines, worst seed"), "", None);
         let other = per_seed(other, &of_row, value, true);
-        table.rows.push(other.not_comparable("table 4.3 counts by 3 mm"));
+        table.rows.push(other.not_comparable("table 4.3 counts by 3 mm and tells of no start"));
     }
 }
 
 fn fast_rows(table: &mut Table, cells: &[Cell], row: usize) {
     let lines = FEW_LINES[row].lines;
-    let of_row: Vec<&Cell> = cells.iter().filter(|c| c.row == row && c.fast).collect();
+    let of_row = of(cells, row, true);
     let why = "the source gives no number for few lines and fast motion";
     let mean = Row::new(format!("mean marker error at {lines} lines, {FAST} times the speed"), "mm", None);
     let mut mean = per_seed(mean, &of_row, Score::mean_mm, false);
@@ -175,7 +169,7 @@ fn fast_rows(table: &mut Table, cells: &[Cell], row: usize) {
         mean = mean.goal(FILTERED, goal);
     }
     table.rows.push(mean.not_comparable(why));
-    let windows = of_row.first().map_or(0, |c| c.scores[0].windows);
+    let windows = of_row.first().map_or(0, |led| led.scores[0].windows);
     let name = format!(
         "windows of {windows} that failed (3 mm) at {lines} lines, {FAST} times the speed, worst seed"
     );
@@ -184,8 +178,8 @@ fn fast_rows(table: &mut Table, cells: &[Cell], row: usize) {
 }
 
 fn figures(cells: &[Cell]) -> Result<Vec<NamedFigure>, ReproduceError> {
-    let slow = |row: usize| cells.iter().filter(move |c| c.row == row && !c.fast);
-    let names = cells.first().map(|c| c.names.clone()).unwrap_or_default();
+    let slow = |row: usize| of(cells, row, false);
+    let names = cells.first().map(|c| c.led.names.clone()).unwrap_or_default();
     let places = || Axis::categories("lines per window", FEW_LINES.iter().map(|r| r.lines.to_string()));
     let published: Vec<(f64, f64)> =
         FEW_LINES.iter().enumerate().map(|(k, r)| (k as f64, r.mean_mm)).collect();
@@ -198,11 +192,10 @@ fn figures(cells: &[Cell]) -> Result<Vec<NamedFigure>, ReproduceError> {
         .collect();
     let mut failed = Panel::new(places(), Axis::linear("windows failed, 3 mm (%)"))
         .with(Series::published("than2015, table 4.3").bars().points(&failures));
-    let mut shares = Vec::new();
     for (k, name) in names.iter().enumerate() {
         let over = |value: &dyn Fn(&Score) -> f64| -> Vec<(f64, f64)> {
             let one = |row: usize| {
-                let values: Vec<f64> = slow(row).map(|c| value(&c.scores[k])).collect();
+                let values: Vec<f64> = slow(row).iter().map(|led| value(&led.scores[k])).collect();
                 (row as f64, values.iter().sum::<f64>() / values.len() as f64)
             };
             (0..FEW_LINES.len()).map(one).collect()
@@ -210,23 +203,9 @@ fn figures(cells: &[Cell]) -> Result<Vec<NamedFigure>, ReproduceError> {
         errors = errors.with(Series::ours(k, name).bars().points(&over(&Score::mean_mm)));
         let share = |s: &Score| 100.0 * s.failed_3_mm as f64 / s.windows as f64;
         failed = failed.with(Series::ours(k, name).bars().points(&over(&share)));
-        let last = FEW_LINES.len() - 1;
-        let worst: Vec<f64> = slow(last).flat_map(|c| c.scores[k].worst_m.iter().map(|e| e * 1e3)).collect();
-        // Beyond 20 mm a capsule is lost; how far does not matter.
-        let shown: Vec<f64> = worst.iter().map(|e| if *e < 20.0 { *e } else { f64::INFINITY }).collect();
-        shares.push(Series::ours(k, name).line(k).distribution(&shown));
     }
-    let fewest = FEW_LINES[FEW_LINES.len() - 1].lines;
-    let mut distribution = Panel::new(
-        Axis::logarithmic("worst marker of a window (mm)"),
-        Axis::linear("share of windows").at_least(0.0, 1.0),
-    )
-    .titled(&format!("{fewest} lines per window"));
-    distribution.series = shares;
+    let last = FEW_LINES.len() - 1;
+    let fewest = format!("distribution-{}", FEW_LINES[last].lines);
     let bars = Figure::grid(vec![errors, failed], 2).to_svg()?;
-    let distribution = Figure::of(distribution).to_svg()?;
-    Ok(vec![
-        NamedFigure { name: String::new(), svg: bars },
-        NamedFigure { name: "distribution".to_owned(), svg: distribution },
-    ])
+    Ok(vec![NamedFigure { name: String::new(), svg: bars }, case::distribution(&fewest, &slow(last))?])
 }

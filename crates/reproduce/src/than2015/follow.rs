@@ -2,13 +2,19 @@
 //!
 //! All estimators of a comparison see the same windows. A window lives as long as it is looked at: a run of 9,600 windows of 1,732 lines
 //! takes no more memory than one window.
+//!
+//! An estimator that cannot say where the capsule is in the first windows (few lines leave several attitudes open) is *held*: up to
+//! [`MOST_HELD`] windows wait for its first pose and are then answered in order, starting from it. They are counted as answered late;
+//! what is not found by then has failed.
 
 use super::motion::Motion;
 use super::scoring::{Score, placed};
 use crate::ReproduceError;
 use lumenav_pet::Line;
-use lumenav_pet::tracking::{Tracked, Tracker};
+use lumenav_pet::tracking::mixture::STACK;
+use lumenav_pet::tracking::{Memory, Tracked, Tracker};
 use nalgebra::Vector3;
+use std::collections::VecDeque;
 
 /// One window, as estimators see it.
 #[derive(Clone, Copy, Debug)]
@@ -42,19 +48,32 @@ pub trait Follower: Send {
     /// # Errors
     /// Something that is no matter of the window.
     fn follow(&mut self, window: &Window<'_>) -> Result<Option<Followed>, ReproduceError>;
+
+    /// Goes back to before the first window and keeps the pose given last alone, as a place to start from.
+    fn rewind(&mut self);
 }
+
+/// Windows before the first pose that are answered late: with the one that brought it, the five that a first pose is found on.
+pub const MOST_HELD: usize = STACK - 1;
 
 /// A tracker without a filter: it goes on from its own last pose.
 pub struct Alone {
     name: String,
     tracker: Box<dyn Tracker>,
     tracked: Tracked,
+    /// Where the markers are put in the capsule that was found; `None`: where the tracker put them.
+    on_body_m: Option<[Vector3<f64>; 3]>,
 }
 
 impl Alone {
     /// The tracker under its own name.
     pub fn new(tracker: Box<dyn Tracker>) -> Self {
-        Self { name: tracker.name().to_owned(), tracker, tracked: Tracked::default() }
+        Self { name: tracker.name().to_owned(), tracker, tracked: Tracked::default(), on_body_m: None }
+    }
+
+    /// Markers at these places of the capsule that the tracker found, m, instead of the tracker's own.
+    pub fn on_body(self, markers_capsule_m: [Vector3<f64>; 3]) -> Self {
+        Self { on_body_m: Some(markers_capsule_m), ..self }
     }
 
     /// The tracker under another name.
@@ -73,12 +92,96 @@ impl Follower for Alone {
         if self.tracker.track_into(window.lines, None, &mut self.tracked).is_err() {
             return Ok(None);
         }
+        if let Some(markers) = &self.on_body_m {
+            let markers_world_m = placed(&self.tracked.world_from_capsule, markers);
+            return Ok(Some(Followed { markers_world_m, shares: self.tracked.shares.clone() }));
+        }
         let markers: Result<[Vector3<f64>; 3], _> = self.tracked.markers_world_m.as_slice().try_into();
         let markers_world_m = markers.map_err(|_| ReproduceError::Part {
             part: self.name.clone(),
             why: format!("{} markers where three were asked for", self.tracked.markers_world_m.len()),
         })?;
         Ok(Some(Followed { markers_world_m, shares: self.tracked.shares.clone() }))
+    }
+
+    fn rewind(&mut self) {
+        let world_from_capsule = Some(self.tracked.world_from_capsule);
+        self.tracker.recall(Memory { world_from_capsule, ..Memory::default() });
+    }
+}
+
+/// A window that waits for the first pose.
+struct HeldWindow {
+    sequence: usize,
+    start_s: f64,
+    lines: Vec<Line>,
+    truth: [Vector3<f64>; 3],
+}
+
+/// How an estimator fares.
+#[derive(Default)]
+struct Fares {
+    score: Score,
+    started: bool,
+    held: VecDeque<HeldWindow>,
+}
+
+impl Fares {
+    fn push(&mut self, followed: Option<&Followed>, truth: &[Vector3<f64>; 3]) {
+        self.score.push(followed.map(|f| (&f.markers_world_m, f.shares.as_slice())), truth);
+    }
+
+    fn show(
+        &mut self,
+        follower: &mut dyn Follower,
+        window: &Window<'_>,
+        truth: &[Vector3<f64>; 3],
+    ) -> Result<(), ReproduceError> {
+        let followed = follower.follow(window)?;
+        if self.started {
+            self.push(followed.as_ref(), truth);
+            return Ok(());
+        }
+        let (sequence, start_s, truth) = (window.sequence, window.start_s, *truth);
+        self.held.push_back(HeldWindow { sequence, start_s, lines: window.lines.to_vec(), truth });
+        if followed.is_some() {
+            self.started = true;
+            return self.answer_held(follower, followed.as_ref(), window.duration_s);
+        }
+        if self.held.len() > MOST_HELD
+            && let Some(given_up) = self.held.pop_front()
+        {
+            self.push(None, &given_up.truth);
+        }
+        Ok(())
+    }
+
+    /// The first pose is there: the windows that waited for it are answered in order, this one last.
+    fn answer_held(
+        &mut self,
+        follower: &mut dyn Follower,
+        first: Option<&Followed>,
+        duration_s: f64,
+    ) -> Result<(), ReproduceError> {
+        let mut held = std::mem::take(&mut self.held);
+        if let [at_once] = held.make_contiguous() {
+            self.push(first, &at_once.truth);
+            return Ok(());
+        }
+        self.score.answered_late += held.len() - 1;
+        follower.rewind();
+        for HeldWindow { sequence, start_s, lines, truth } in held {
+            let followed = follower.follow(&Window { sequence, start_s, duration_s, lines: &lines })?;
+            self.push(followed.as_ref(), &truth);
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> Score {
+        for held in std::mem::take(&mut self.held) {
+            self.push(None, &held.truth);
+        }
+        self.score
     }
 }
 
@@ -88,7 +191,9 @@ pub struct Run<'a> {
     pub motion: &'a dyn Motion,
     /// Length of a window, s.
     pub window_s: f64,
-    /// How many windows of it are looked at.
+    /// The first window that is looked at.
+    pub first: usize,
+    /// How many windows are looked at.
     pub windows: usize,
     /// Where the markers really are, capsule frame, m.
     pub markers_capsule_m: [Vector3<f64>; 3],
@@ -104,21 +209,20 @@ impl Run<'_> {
         followers: &mut [Box<dyn Follower>],
         mut lines_of: impl FnMut(usize, f64, &mut Vec<Line>) -> Result<(), ReproduceError>,
     ) -> Result<Vec<Score>, ReproduceError> {
-        let mut scores = vec![Score::default(); followers.len()];
+        let mut all: Vec<Fares> = followers.iter().map(|_| Fares::default()).collect();
         let mut lines = Vec::new();
-        for sequence in 0..self.windows {
+        for sequence in self.first..self.first + self.windows {
             let start_s = sequence as f64 * self.window_s;
             lines.clear();
             lines_of(sequence, start_s, &mut lines)?;
             let window = Window { sequence, start_s, duration_s: self.window_s, lines: &lines };
             let middle = self.motion.world_from_capsule(start_s + 0.5 * self.window_s);
             let truth = placed(&middle, &self.markers_capsule_m);
-            for (follower, score) in followers.iter_mut().zip(&mut scores) {
-                let followed = follower.follow(&window)?;
-                score.push(followed.as_ref().map(|f| (&f.markers_world_m, f.shares.as_slice())), &truth);
+            for (follower, fares) in followers.iter_mut().zip(&mut all) {
+                fares.show(follower.as_mut(), &window, &truth)?;
             }
         }
-        Ok(scores)
+        Ok(all.into_iter().map(Fares::finish).collect())
     }
 }
 
@@ -143,12 +247,49 @@ mod tests {
             let followed = Followed { markers_world_m: placed(&pose, &TRIANGLE), shares: vec![] };
             Ok((!window.lines.is_empty()).then_some(followed))
         }
+
+        fn rewind(&mut self) {}
+    }
+
+    /// Gives its first pose in window `from`, and knows everything once it was rewound.
+    struct SlowStart {
+        from: usize,
+        rewound: bool,
+    }
+
+    impl Follower for SlowStart {
+        fn name(&self) -> &'static str {
+            "slow start"
+        }
+
+        fn follow(&mut self, window: &Window<'_>) -> Result<Option<Followed>, ReproduceError> {
+            let pose = Helix { times_faster: 1.0 }.world_from_capsule(window.start_s + 0.025);
+            let followed = Followed { markers_world_m: placed(&pose, &TRIANGLE), shares: vec![] };
+            Ok((self.rewound || window.sequence >= self.from).then_some(followed))
+        }
+
+        fn rewind(&mut self) {
+            self.rewound = true;
+        }
+    }
+
+    #[test]
+    fn law_windows_before_the_first_pose_are_answered_late_or_have_failed() {
+        let motion = Helix { times_faster: 1.0 };
+        let run = Run { motion: &motion, window_s: 0.05, first: 0, windows: 20, markers_capsule_m: TRIANGLE };
+        // First pose in window `from`: how many are answered late, and how many have failed.
+        for (from, late, failed) in [(0, 0, 0), (1, 1, 0), (4, 4, 0), (5, 4, 1), (7, 4, 3), (99, 0, 20)] {
+            let slow = SlowStart { from, rewound: false };
+            let score = run.lead(&mut [Box::new(slow)], |_, _, _| Ok(())).unwrap().remove(0);
+            assert_eq!((score.windows, score.answered_late, score.failed_3_mm), (20, late, failed), "{from}");
+            assert_eq!(score.before_first_pose, failed);
+        }
     }
 
     #[test]
     fn closed_form_an_estimate_of_the_windows_start_is_half_a_window_late() {
         let motion = Helix { times_faster: 8.0 };
-        let run = Run { motion: &motion, window_s: 0.05, windows: 90, markers_capsule_m: TRIANGLE };
+        let run = Run { motion: &motion, window_s: 0.05, first: 0, windows: 90, markers_capsule_m: TRIANGLE };
         let line = Line { t_s: 0.0, ends_world_m: [Vector3::zeros(), Vector3::x()] };
         let scores = run
             .lead(&mut [Box::new(Late)], |sequence, _, lines| {

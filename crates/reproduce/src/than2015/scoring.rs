@@ -85,6 +85,10 @@ pub struct Score {
     pub windows: usize,
     /// Windows without a pose.
     pub without_pose: usize,
+    /// Windows before the first pose, without one themselves.
+    pub before_first_pose: usize,
+    /// Windows of the start whose pose came with a later window.
+    pub answered_late: usize,
     /// Windows with a marker more than 3 mm off, or without a pose.
     pub failed_3_mm: usize,
     /// Windows with a marker more than 5 mm off, or without a pose.
@@ -110,6 +114,7 @@ impl Score {
         }
         let Some(markers) = self.last else {
             // No pose so far: nothing to average, but not forgotten either.
+            self.before_first_pose += 1;
             self.failed_3_mm += 1;
             self.failed_5_mm += 1;
             self.worst_m.push(f64::INFINITY);
@@ -209,7 +214,7 @@ mod tests {
         score.push(None, &TRIANGLE);
         score.push(Some((&shifted(0.004), &shares)), &TRIANGLE);
         score.push(Some((&TRIANGLE, &[0.005, 0.5, 0.495])), &TRIANGLE);
-        assert_eq!((score.windows, score.without_pose), (5, 2));
+        assert_eq!((score.windows, score.without_pose, score.before_first_pose), (5, 2, 1));
         assert_eq!((score.failed_3_mm, score.failed_5_mm, score.failed_check), (3, 2, 3));
         assert!((score.mean_mm() - 1.5).abs() < 1e-12, "{}", score.mean_mm());
         // Four windows of three equal errors 1, 1, 4, 0: variance 12/11 times their own.

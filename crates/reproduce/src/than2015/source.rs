@@ -2,7 +2,7 @@
 //!
 //! The tally reads labels, which only the world knows; the lines that estimators get have none.
 
-use super::motion::{Helix, Motion};
+use super::motion::Motion;
 use super::set_up;
 use crate::ReproduceError;
 use lumenav_anatomy::phantom::Phantom;
@@ -91,21 +91,26 @@ impl Set {
         }
     }
 
-    /// The factor on the activity with which the mean count of the helix's windows is `lines`, from a pilot run of windows spread
-    /// over the helix. `share` of the usual number of windows.
+    /// The factor on the activity with which the mean count of a path's windows is `lines`, from a pilot run of windows spread
+    /// over the path. `share` of the usual number of windows.
     ///
     /// # Errors
     /// A pilot run without lines.
-    pub fn activity_factor(&self, lines: f64, window_s: f64, share: f64) -> Result<f64, ReproduceError> {
-        let helix = Helix { times_faster: 1.0 };
-        let all = helix.windows(window_s);
+    pub fn activity_factor(
+        &self,
+        motion: &dyn Motion,
+        lines: f64,
+        window_s: f64,
+        share: f64,
+    ) -> Result<f64, ReproduceError> {
+        let all = motion.windows(window_s);
         let count = ((share * PILOT_LINES / lines).ceil() as usize).clamp(1, all);
         let mut source = Source::new(self, PILOT_SEED, "pilot");
         let mut window = Vec::new();
         for k in 0..count {
             let sequence = (2 * k + 1) * all / (2 * count);
             window.clear();
-            source.window(&helix, sequence as f64 * window_s, window_s, sequence, &mut window);
+            source.window(motion, sequence as f64 * window_s, window_s, sequence, &mut window);
         }
         let counted = source.tally().lines as f64 / count as f64;
         if counted > 0.0 {

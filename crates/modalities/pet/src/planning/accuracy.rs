@@ -7,10 +7,12 @@
 //! I = Σ_bundles  N_bundle / (1 - β) · ∫ p(u) g gᵀ du
 //! ```
 //!
-//! with N the expected true lines of a bundle and β the share of background lines. The bound is local: it knows nothing of flips and of
+//! with N the expected true lines of a bundle and β the share of background among the lines that pass near the markers: of all background
+//! lines, [`BACKGROUND_NEAR`]. The bound is local: it knows nothing of flips and of
 //! poses that a symmetry cannot tell apart; an isosceles triangle's roll is bounded within one of its two.
 
 use super::sensitivity::{PhotonDetection, bundles};
+use crate::tracking::noise::BACKGROUND_NEAR;
 use crate::tracking::{Likelihood, LineNoise, Preparation, Weights, Window};
 use crate::{Line, MarkerSet, Scanner};
 use lumenav_anatomy::phantom::Phantom;
@@ -69,14 +71,13 @@ impl Plan<'_> {
         let found =
             bundles(self.scanner, self.detection, self.phantom, &centre_world_m.coords, self.per_side);
         let per_positron: f64 = found.iter().map(|bundle| bundle.per_positron).sum();
-        let weights = Weights {
-            shares: positrons.iter().map(|p| p / all).collect(),
-            background: self.background_share,
-        };
+        let near = BACKGROUND_NEAR * self.background_share;
+        let background = near / (1.0 - self.background_share + near);
+        let weights = Weights { shares: positrons.iter().map(|p| p / all).collect(), background };
         let likelihood = Likelihood::new(self.markers.positions_capsule_m());
         let lines: Vec<Line> =
             found.iter().map(|bundle| Line { t_s: 0.0, ends_world_m: bundle.ends_world_m }).collect();
-        let count = |i: usize| all * found[i].per_positron / (1.0 - self.background_share);
+        let count = |i: usize| all * found[i].per_positron / (1.0 - background);
         let mut window = Window::default();
         let about = Preparation::about(centre_world_m.coords);
         // Fewer bundles than a window must have: the source is at the very edge of what the blocks see.

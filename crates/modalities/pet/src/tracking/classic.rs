@@ -55,7 +55,8 @@ pub struct ClassicOptions {
     pub spare_body: bool,
     /// Lines looked at.
     pub budget: Budget,
-    /// Predict failures and search anew (section 3.4.4).
+    /// Predict failures and search anew (section 3.4.4). `false`: every window starts from the last pose there was, and nothing is searched
+    /// for after the first.
     pub predict_failures: bool,
     /// Largest standard deviations of a pose.
     pub limits: Limits,
@@ -377,8 +378,11 @@ impl Classic {
     /// What a window leaves behind.
     pub(crate) fn remember(&mut self, done: Result<(), Failure>, out: &Tracked) -> Result<(), Failure> {
         self.memory.windows += 1;
-        self.memory.world_from_capsule = done.is_ok().then_some(out.world_from_capsule);
+        if done.is_err() && self.options.predict_failures {
+            self.memory.world_from_capsule = None;
+        }
         if done.is_ok() {
+            self.memory.world_from_capsule = Some(out.world_from_capsule);
             self.memory.markers_world_m.clone_from(&out.markers_world_m);
             self.memory.shares.clone_from(&out.shares);
             self.memory.background_share = Some(out.background_share);

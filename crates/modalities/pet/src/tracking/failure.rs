@@ -31,6 +31,16 @@ pub enum Failure {
         /// The least.
         needed: usize,
     },
+    /// Background alone explains the window nearly as well as the best pose does: among so many places, one like it is found by chance.
+    #[error(
+        "background alone explains the lines nearly as well (log-likelihood gain {gain:.1}; needed: {needed})"
+    )]
+    NoEvidence {
+        /// Log-likelihood of the pose less that of a window that is all background.
+        gain: f64,
+        /// The least.
+        needed: f64,
+    },
     /// The steps ran out.
     #[error("not converged after {steps} steps")]
     NotConverged {
@@ -81,5 +91,15 @@ pub enum Failure {
         distance_mm: f64,
         /// The least and the most.
         allowed_mm: [f64; 2],
+    },
+    /// Two independent points are nearer to each other than the region within which the background of each is taken as even.
+    #[error("points {} and {} are {distance_mm:.1} mm apart (allowed: {allowed_mm:.0} mm or more)", pair[0] + 1, pair[1] + 1)]
+    TooClose {
+        /// Which two, counted from 0.
+        pair: [usize; 2],
+        /// How far apart.
+        distance_mm: f64,
+        /// The least.
+        allowed_mm: f64,
     },
 }

@@ -48,9 +48,14 @@ const SAME_POSE_M: f64 = 3e-3;
 const LINES_PER_FREEDOM: usize = 2;
 /// Background share before the first window, among the lines that pass near: 20 to 50 per cent of all (than2015 table 4.2), of which
 /// a fifth passes within 30 mm.
-const FIRST_BACKGROUND: f64 = 0.1;
+pub const FIRST_BACKGROUND: f64 = 0.1;
 /// Lines that pass the outermost marker at less than 5 mm plus this are looked at, m: beyond, one true line in a hundred.
 const MARGIN_M: f64 = 0.015;
+/// Least gain of a pose over background alone, log-likelihood. Twice the gain of a pose that is followed through a window of mere
+/// background follows chi-square with 6 degrees of freedom; 14 is exceeded once in ten thousand. A search takes the best of some 30³ places
+/// and 60 attitudes that it can tell apart: 28 is exceeded once in a thousand searches. A true line gains 2 to 3.
+const FOLLOWED_GAIN: f64 = 14.0;
+const SEARCHED_GAIN: f64 = 28.0;
 /// Steps of a climb from a candidate and in a test.
 const SEARCH_STEPS: u32 = 15;
 const TEST_STEPS: u32 = 6;
@@ -189,6 +194,9 @@ impl Mixture {
     /// The best top, if no other place explains the lines nearly as well.
     fn unambiguous(&self) -> Result<Top, Failure> {
         let Some(best) = self.tops.first() else { return Err(Failure::Indefinite) };
+        if !(best.gain >= SEARCHED_GAIN) {
+            return Err(Failure::NoEvidence { gain: best.gain, needed: SEARCHED_GAIN });
+        }
         let rival = self.tops[1..].iter().find(|t| self.body.distance_m(&best.pose, &t.pose) > SAME_POSE_M);
         match rival {
             Some(rival) if best.objective - rival.objective < AMBIGUOUS => Err(Failure::Ambiguous {
@@ -337,6 +345,9 @@ impl Mixture {
                 background,
                 needed: self.needed(),
             });
+        }
+        if !(top.gain >= FOLLOWED_GAIN) {
+            return Err(Failure::NoEvidence { gain: top.gain, needed: FOLLOWED_GAIN });
         }
         if !top.converged {
             return Err(Failure::NotConverged { steps: FULL_STEPS });

@@ -238,7 +238,7 @@ impl Window {
     }
 }
 
-fn is_usable(line: &Line) -> bool {
+pub(crate) fn is_usable(line: &Line) -> bool {
     let along = line.ends_world_m[1] - line.ends_world_m[0];
     let squared = along.norm_squared();
     // Not a number and infinity fail the comparisons; both ends are looked at, since their difference may hide an infinity.

@@ -31,7 +31,11 @@ pub fn scintillator(scanner: &Scanner) -> Scintillator {
 }
 
 pub fn triangle() -> MarkerSet {
-    MarkerSet::from_capsule(&model("capsules", "pet-triangle"), "pet", 3).expect("a shipped capsule")
+    capsule("pet-triangle")
+}
+
+pub fn capsule(name: &str) -> MarkerSet {
+    MarkerSet::from_capsule(&model("capsules", name), "pet", 3).expect("a shipped capsule")
 }
 
 /// Markers at these places, mm.

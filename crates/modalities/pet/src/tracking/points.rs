@@ -1,0 +1,361 @@
+//! Independent points: tracer particles and calibration sources, each with a place and no attitude.
+//!
+//! A point is followed by the likelihood of [`super::likelihood`] with one component: among the lines that pass within R
+//! ([`LineNoise::background_radius_m`]) of where it was,
+//!
+//! ```text
+//! p_i = (1-β) Σ_k c_ik exp(-½ uᵀ P_ik u) + β / (π R²)
+//! ```
+//!
+//! climbed by damped Newton steps in the three coordinates, β by expectation-maximisation between the steps. Lines of the other
+//! points are background to it, and even across R where these are far away: points nearer than 2 R are refused
+//! ([`Failure::TooClose`]). The covariance is the inverse of the observed information (Louis 1982).
+//!
+//! A point that is not known is searched for: of the places where two lines nearly meet, the one that most lines pass is climbed
+//! from; then the next point among the lines that pass the found ones by. New points are put in order of x, then y, then z, so that two
+//! trackers shown the same lines give them the same numbers.
+
+use super::failure::Failure;
+use super::likelihood::{Evaluation, Likelihood, Weights};
+use super::noise::LineNoise;
+use super::window::{Preparation, Window, is_usable};
+use super::{Limits, Role};
+use crate::line::Line;
+use nalgebra::{Isometry3, Matrix3, Translation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Lines that a point must explain: two per coordinate.
+const LINES_NEEDED: usize = 6;
+/// Least gain over background alone, log-likelihood; see `mixture`. Chi-square with 3 degrees of freedom, and in a search the best of
+/// 100³ places that can be told apart.
+const FOLLOWED_GAIN: f64 = 10.5;
+const SEARCHED_GAIN: f64 = 24.0;
+/// Places looked at in a search: with a fifth of the lines from a point, one pair in 25 meets there, so 16 places of 400.
+const CANDIDATES: usize = 400;
+/// Pairs of lines tried for a place.
+const PAIRS: usize = 20 * CANDIDATES;
+/// Scale of the count of lines that pass a place, m: the spread of a scanner's lines about their source, 1.5 to 4 mm.
+const PASSING_M: f64 = 4e-3;
+/// Two lines at less than this angle do not tell where they meet, sine.
+const LEAST_SINE: f64 = 0.05;
+/// Steps of a climb.
+const STEPS: u32 = 40;
+/// Longest step, m.
+const LONGEST_M: f64 = 8e-3;
+/// The climb ends at steps below this, m: far below the noise.
+const REST_M: f64 = 1e-6;
+/// Information per line that a damped step adds at least, 1/m²: a line of 3 mm standard deviation.
+const FLOOR_PER_LINE: f64 = 1.0 / (3e-3 * 3e-3);
+/// Background share among the lines that pass near, before any window has told.
+const FIRST_BACKGROUND: f64 = 0.3;
+/// A point that explains less than this share of what it did is searched for as well.
+const FALL: f64 = 0.5;
+/// How fast what a point explains is forgotten, per window.
+const FORGETTING: f64 = 0.1;
+
+/// A point in a window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackedPoint {
+    /// Where it is, m.
+    pub position_world_m: Vector3<f64>,
+    /// Its covariance, m².
+    pub covariance_m2: Matrix3<f64>,
+    /// Lines that it explains.
+    pub lines: f64,
+    /// Whether it was searched for in this window.
+    pub searched: bool,
+}
+
+/// What is kept of a point from window to window.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PointMemory {
+    /// Where it was, m; `None` before it was found, and after it was lost.
+    pub position_world_m: Option<Vector3<f64>>,
+    /// Share of a window's lines that it explains.
+    pub share: f64,
+}
+
+/// Follows a fixed number of points.
+#[derive(Clone, Debug)]
+pub struct Points {
+    noise: LineNoise,
+    limits: Limits,
+    memory: Vec<PointMemory>,
+    likelihood: Likelihood,
+    weights: Weights,
+    window: Window,
+    evaluation: Evaluation,
+}
+
+/// Where a climb ended.
+struct Top {
+    at_m: Vector3<f64>,
+    information: Matrix3<f64>,
+    lines: f64,
+    /// Log-likelihood less that of background alone.
+    gain: f64,
+}
+
+impl Points {
+    /// For `count` points in a scanner with this noise.
+    pub fn new(count: usize, noise: LineNoise) -> Self {
+        Self {
+            noise,
+            limits: Limits::default(),
+            memory: vec![PointMemory::default(); count],
+            likelihood: Likelihood::new(vec![Vector3::zeros()]),
+            weights: Weights { shares: vec![1.0], background: FIRST_BACKGROUND },
+            window: Window::default(),
+            evaluation: Evaluation::default(),
+        }
+    }
+
+    /// What it keeps from window to window.
+    pub fn memory(&self) -> &[PointMemory] {
+        &self.memory
+    }
+
+    /// Goes on from a memory; of another number of points it is not looked at.
+    pub fn recall(&mut self, memory: &[PointMemory]) {
+        if memory.len() == self.memory.len() {
+            self.memory.copy_from_slice(memory);
+        }
+    }
+
+    /// All points of one window, and what each line was taken for.
+    pub fn track(&mut self, lines: &[Line]) -> (Vec<Result<TrackedPoint, Failure>>, Vec<Role>) {
+        let mut found: Vec<Result<TrackedPoint, Failure>> =
+            (0..self.memory.len()).map(|k| self.follow(k, lines)).collect();
+        if found.iter().any(Result::is_err) {
+            self.search_missing(lines, &mut found);
+        }
+        self.refuse_neighbours(&mut found);
+        self.learn(lines, &found);
+        let roles = self.roles(lines, &found);
+        (found, roles)
+    }
+
+    /// A climb from where the point was.
+    fn follow(&mut self, point: usize, lines: &[Line]) -> Result<TrackedPoint, Failure> {
+        let PointMemory { position_world_m, share } = self.memory[point];
+        let Some(start) = position_world_m else {
+            return Err(Failure::Background { effective: 0.0, background: 100.0, needed: LINES_NEEDED });
+        };
+        let found = self.climb(lines, &start).and_then(|top| self.judged(&top, lines, false))?;
+        if found.lines < FALL * share * lines.len() as f64 {
+            return Err(Failure::Background {
+                effective: found.lines,
+                background: 100.0 * (1.0 - found.lines / lines.len().max(1) as f64),
+                needed: (FALL * share * lines.len() as f64).ceil() as usize,
+            });
+        }
+        Ok(found)
+    }
+
+    /// Looks for the points that are missing, among the lines that pass the others by.
+    fn search_missing(&mut self, lines: &[Line], found: &mut [Result<TrackedPoint, Failure>]) {
+        let missing: Vec<usize> = (0..found.len()).filter(|k| found[*k].is_err()).collect();
+        let mut known: Vec<Vector3<f64>> = found.iter().flatten().map(|p| p.position_world_m).collect();
+        let mut new = Vec::new();
+        for _ in &missing {
+            let free: Vec<&Line> = lines
+                .iter()
+                .filter(|line| {
+                    is_usable(line) && known.iter().all(|at| distance_m(line, at) > 3.0 * PASSING_M)
+                })
+                .collect();
+            let Some(start) = densest(&free) else { break };
+            let climbed = self.climb(lines, &start).and_then(|top| self.judged(&top, lines, true));
+            known.push(climbed.as_ref().map_or(start, |p| p.position_world_m));
+            new.push(climbed);
+        }
+        new.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
+        for (k, point) in missing.into_iter().zip(new) {
+            found[k] = point;
+        }
+    }
+
+    /// To the top of the likelihood.
+    fn climb(&mut self, lines: &[Line], start: &Vector3<f64>) -> Result<Top, Failure> {
+        self.window.prepare(lines, &self.noise, &Preparation::about(*start), LINES_NEEDED)?;
+        let near = self.window.near() as f64;
+        self.weights.background = FIRST_BACKGROUND;
+        let mut at = *start;
+        let mut here = self.evaluate(&at);
+        let mut damping = 0.0;
+        for _ in 0..STEPS {
+            let gradient = here.gradient.fixed_rows::<3>(0).into_owned();
+            let floor = FLOOR_PER_LINE * here.effective_lines().max(1.0);
+            let Some(step) = damped(&position_block(&here), &gradient, floor, &mut damping) else { break };
+            let there = self.evaluate(&(at + step));
+            if there.log_likelihood < here.log_likelihood {
+                damping = f64::max(4.0 * damping, 0.1);
+                if step.norm() < REST_M {
+                    break;
+                }
+                continue;
+            }
+            at += step;
+            damping *= 0.25;
+            // The share of the background follows; neither side may be without a voice.
+            let background = (there.background_lines + 1.0) / (near + 2.0);
+            let moved = (background - self.weights.background).abs();
+            self.weights.background = background;
+            here = self.evaluate(&at);
+            if step.norm() < REST_M && moved < 1e-4 {
+                break;
+            }
+        }
+        let gain = here.log_likelihood - near * self.window.background_per_m2.ln();
+        Ok(Top { at_m: at, information: position_block(&here), lines: here.effective_lines(), gain })
+    }
+
+    fn evaluate(&mut self, at_m: &Vector3<f64>) -> Evaluation {
+        let pose = Isometry3::from_parts(Translation3::from(*at_m), nalgebra::UnitQuaternion::identity());
+        self.likelihood.evaluate(&self.window, &pose, &self.weights, &mut self.evaluation);
+        self.evaluation.clone()
+    }
+
+    /// Whether a top is a point.
+    fn judged(&self, top: &Top, lines: &[Line], searched: bool) -> Result<TrackedPoint, Failure> {
+        if !(top.lines >= LINES_NEEDED as f64) {
+            let background = 100.0 * (1.0 - top.lines / lines.len().max(1) as f64);
+            return Err(Failure::Background { effective: top.lines, background, needed: LINES_NEEDED });
+        }
+        let needed = if searched { SEARCHED_GAIN } else { FOLLOWED_GAIN };
+        if !(top.gain >= needed) {
+            return Err(Failure::NoEvidence { gain: top.gain, needed });
+        }
+        let covariance_m2 = top.information.cholesky().ok_or(Failure::Indefinite)?.inverse();
+        let largest = covariance_m2.symmetric_eigenvalues().max().sqrt();
+        if !(largest <= self.limits.position_m) {
+            return Err(Failure::Uncertain {
+                position_mm: 1e3 * largest,
+                rotation_deg: 0.0,
+                allowed_mm: 1e3 * self.limits.position_m,
+                allowed_deg: self.limits.rotation_rad.to_degrees(),
+            });
+        }
+        Ok(TrackedPoint { position_world_m: top.at_m, covariance_m2, lines: top.lines, searched })
+    }
+
+    /// Of two that are too close, the one with fewer lines is none.
+    fn refuse_neighbours(&self, found: &mut [Result<TrackedPoint, Failure>]) {
+        let allowed_m = 2.0 * self.noise.background_radius_m;
+        for i in 0..found.len() {
+            for j in i + 1..found.len() {
+                let (Ok(a), Ok(b)) = (&found[i], &found[j]) else { continue };
+                let apart_m = (a.position_world_m - b.position_world_m).norm();
+                if apart_m < allowed_m {
+                    let weaker = if a.lines < b.lines { i } else { j };
+                    found[weaker] = Err(Failure::TooClose {
+                        pair: [i, j],
+                        distance_mm: 1e3 * apart_m,
+                        allowed_mm: 1e3 * allowed_m,
+                    });
+                }
+            }
+        }
+    }
+
+    fn learn(&mut self, lines: &[Line], found: &[Result<TrackedPoint, Failure>]) {
+        for (memory, found) in self.memory.iter_mut().zip(found) {
+            let Ok(point) = found else {
+                *memory = PointMemory::default();
+                continue;
+            };
+            let share = point.lines / lines.len().max(1) as f64;
+            let known = memory.position_world_m.is_some() && !point.searched;
+            memory.share = if known { memory.share + FORGETTING * (share - memory.share) } else { share };
+            memory.position_world_m = Some(point.position_world_m);
+        }
+    }
+
+    /// A line belongs to the point that it passes nearest, within three standard deviations of its noise there; else to none.
+    fn roles(&self, lines: &[Line], found: &[Result<TrackedPoint, Failure>]) -> Vec<Role> {
+        let one = |line: &Line| {
+            if !is_usable(line) {
+                return Role::Unused;
+            }
+            let mut nearest = (3.0 * PASSING_M, Role::Background);
+            for (k, point) in found.iter().enumerate() {
+                let Ok(point) = point else { continue };
+                let distance = distance_m(line, &point.position_world_m);
+                if distance < nearest.0 {
+                    nearest = (distance, Role::Marker(k as u8));
+                }
+            }
+            nearest.1
+        };
+        lines.iter().map(one).collect()
+    }
+}
+
+fn position_block(evaluation: &Evaluation) -> Matrix3<f64> {
+    evaluation.information.fixed_view::<3, 3>(0, 0).into_owned()
+}
+
+/// The Newton step, damped until the matrix is positive definite, and cut to what a quadratic form can be trusted for.
+fn damped(
+    information: &Matrix3<f64>,
+    gradient: &Vector3<f64>,
+    floor: f64,
+    damping: &mut f64,
+) -> Option<Vector3<f64>> {
+    while *damping < 1e6 {
+        if let Some(root) = (information + Matrix3::identity() * (*damping * floor)).cholesky() {
+            let step = root.solve(gradient);
+            let long = step.norm() / LONGEST_M;
+            return long.is_finite().then(|| step / long.max(1.0));
+        }
+        *damping = f64::max(4.0 * *damping, 0.1);
+    }
+    None
+}
+
+/// Order of new points; one that is none comes last.
+fn order(point: &Result<TrackedPoint, Failure>) -> [f64; 3] {
+    point.as_ref().map_or([f64::INFINITY; 3], |p| p.position_world_m.into())
+}
+
+fn distance_m(line: &Line, at: &Vector3<f64>) -> f64 {
+    let along = line.ends_world_m[1] - line.ends_world_m[0];
+    (at - line.ends_world_m[0]).cross(&along).norm() / along.norm()
+}
+
+/// The middle of two lines where they come nearest, if they nearly meet between their ends.
+fn meeting(a: &Line, b: &Line) -> Option<Vector3<f64>> {
+    let (from, to) = (a.ends_world_m[0], b.ends_world_m[0]);
+    let (u, v) = (a.ends_world_m[1] - from, b.ends_world_m[1] - to);
+    let normal = u.cross(&v);
+    let squared = normal.norm_squared();
+    if !(squared > LEAST_SINE * LEAST_SINE * u.norm_squared() * v.norm_squared()) {
+        return None;
+    }
+    let between = to - from;
+    if between.dot(&normal).abs() > PASSING_M * squared.sqrt() {
+        return None;
+    }
+    let s = between.cross(&v).dot(&normal) / squared;
+    let t = between.cross(&u).dot(&normal) / squared;
+    let inside = (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t);
+    inside.then(|| ((from + u * s) + (to + v * t)) * 0.5)
+}
+
+/// Of the places where two lines nearly meet, the one that most lines pass.
+fn densest(lines: &[&Line]) -> Option<Vector3<f64>> {
+    let passing = |at: &Vector3<f64>| -> f64 {
+        let of = |line: &&Line| (-0.5 * (distance_m(line, at) / PASSING_M).powi(2)).exp();
+        lines.iter().map(of).sum()
+    };
+    let count = lines.len();
+    // Pairs at growing distances in the list: every line is tried with many others, in an order that depends on nothing.
+    let pairs = (1..count).flat_map(|apart| (0..count - apart).map(move |i| (i, i + apart)));
+    pairs
+        .take(PAIRS)
+        .filter_map(|(i, j)| meeting(lines[i], lines[j]))
+        .take(CANDIDATES)
+        .map(|at| (passing(&at), at))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, at)| at)
+}

@@ -1,0 +1,10 @@
+//! The trackers on seeded windows: consistency, marker sets of all shapes, misuse, independent points.
+
+#![allow(dead_code, reason = "one support file for tests, benches and the table of examples")]
+
+mod consistency;
+mod few_lines;
+mod misuse;
+mod points;
+mod shapes;
+mod support;

@@ -1,0 +1,137 @@
+//! Independent points: one and two particles between two plates, none, too close ones, and recorded data.
+
+use super::support::{Ends, Generator, noise_of_law, scanner, scintillator, set};
+use lumenav_pet::simulation::EndPoints;
+use lumenav_pet::tracking::{BlockNoise, Failure, Points, Role};
+use lumenav_pet::{Line, Scanner};
+use nalgebra::{Isometry3, Vector3};
+
+const PLACES_MM: [[f64; 3]; 2] = [[-70.0, 20.0, 10.0], [90.0, -30.0, -40.0]];
+
+struct Bench {
+    scanner: Scanner,
+    law: BlockNoise,
+}
+
+fn bench() -> Bench {
+    let scanner = scanner("adac-forte");
+    let law = BlockNoise::of_block(&scanner, &scintillator(&scanner), EndPoints::Crystal);
+    Bench { scanner, law }
+}
+
+impl Bench {
+    fn points(&self, count: usize) -> Points {
+        Points::new(count, noise_of_law(&self.scanner, &self.law))
+    }
+
+    fn generator(&self, places_mm: &[[f64; 3]], seed: u64) -> Generator {
+        Generator::new(self.scanner.clone(), Ends::Law(self.law), set(places_mm), seed)
+    }
+}
+
+fn still(_: f64) -> Isometry3<f64> {
+    Isometry3::identity()
+}
+
+#[test]
+fn law_points_are_placed_without_bias_and_with_a_covariance_that_fits() {
+    let bench = bench();
+    for count in [1, 2] {
+        let places = &PLACES_MM[..count];
+        let mut points = bench.points(count);
+        let mut generator = bench.generator(places, 21);
+        let (mut sums, mut nees, mut windows) = ([Vector3::zeros(); 2], 0.0, 0.0);
+        for w in 0..150 {
+            let (lines, origins) = generator.window(&still, 0.05 * f64::from(w), 60 * count, 60);
+            let (found, roles) = points.track(&lines);
+            for (k, place) in places.iter().enumerate() {
+                let point = found[k].as_ref().unwrap_or_else(|why| panic!("window {w}, point {k}: {why}"));
+                let error = point.position_world_m - Vector3::from(*place) * 1e-3;
+                assert!(error.norm() < 12e-3, "window {w}, point {k}: {error}");
+                sums[k] += error;
+                nees += error.dot(&(point.covariance_m2.try_inverse().unwrap() * error)) / 3.0;
+            }
+            windows += 1.0;
+            // Roles agree with what the lines are, but where noise puts a line beyond reach or background within it.
+            let agree = roles
+                .iter()
+                .zip(&origins)
+                .filter(|(role, origin)| **role == origin.map_or(Role::Background, |m| Role::Marker(m as u8)))
+                .count();
+            assert!(agree * 10 > 8 * lines.len(), "{agree} of {}", lines.len());
+        }
+        let mean_nees = nees / (windows * count as f64);
+        println!("figure: {count} points: NEES/dof {mean_nees:.3}");
+        assert!((0.8..1.25).contains(&mean_nees), "{mean_nees}");
+        for sum in &sums[..count] {
+            let bias_mm = sum * (1e3 / windows);
+            assert!(bias_mm.xy().norm() < 0.15 && bias_mm.z.abs() < 0.4, "{bias_mm}");
+        }
+    }
+}
+
+#[test]
+fn law_points_are_numbered_by_place_whatever_the_order_of_the_lines() {
+    let bench = bench();
+    let reversed = [PLACES_MM[1], PLACES_MM[0]];
+    for places in [&PLACES_MM, &reversed] {
+        let (mut lines, _) = bench.generator(places, 4).window(&still, 0.0, 120, 60);
+        lines.reverse();
+        let (found, _) = bench.points(2).track(&lines);
+        let x: Vec<f64> = found.iter().flatten().map(|p| p.position_world_m.x).collect();
+        assert!(x.len() == 2 && x[0] < 0.0 && x[1] > 0.0, "{x:?}");
+    }
+}
+
+#[test]
+fn law_a_point_that_jumps_is_found_again_in_the_next_window() {
+    let bench = bench();
+    let mut points = bench.points(1);
+    let mut generator = bench.generator(&PLACES_MM[..1], 8);
+    for (w, at_m) in [0.0, 0.0, 0.15, 0.15, -0.05].into_iter().enumerate() {
+        let motion = |_: f64| Isometry3::translation(at_m, 0.0, 0.0);
+        let (lines, _) = generator.window(&motion, 0.05 * w as f64, 100, 60);
+        let (found, _) = points.track(&lines);
+        let place = found[0].as_ref().unwrap().position_world_m;
+        assert!((place - Vector3::new(at_m - 0.07, 0.02, 0.01)).norm() < 0.008, "window {w}: {place}");
+    }
+}
+
+#[test]
+fn law_what_is_no_point_is_not_answered_with_one() {
+    let bench = bench();
+    let mut generator = bench.generator(&PLACES_MM[..1], 5);
+    for w in 0..20 {
+        let (background, _) = generator.window(&still, 0.05 * f64::from(w), 0, 200);
+        let (found, _) = bench.points(1).track(&background);
+        assert!(found[0].is_err(), "window {w}: {found:?}");
+    }
+    let (few, _) = generator.window(&still, 0.0, 2, 0);
+    assert!(bench.points(1).track(&few).0[0].is_err());
+    let parallel: Vec<Line> = (0..1000)
+        .map(|i| {
+            let across = Vector3::new(f64::from(i % 40) * 1e-3, f64::from(i / 40) * 1e-3, 0.0);
+            let along = Vector3::z() * 0.356;
+            Line { t_s: 0.0, ends_world_m: [across - along, across + along] }
+        })
+        .collect();
+    assert!(bench.points(2).track(&parallel).0.iter().all(Result::is_err));
+    assert!(bench.points(2).track(&[]).0.iter().all(Result::is_err));
+    // Two sources 20 mm apart: one is refused, and it is said why.
+    let (lines, _) = bench.generator(&[[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]], 6).window(&still, 0.0, 200, 40);
+    let (found, _) = bench.points(2).track(&lines);
+    assert!(found.iter().any(|p| matches!(p, Err(Failure::TooClose { .. }))), "{found:?}");
+}
+
+#[test]
+fn law_memory_goes_on_where_it_was() {
+    let bench = bench();
+    let mut generator = bench.generator(&PLACES_MM, 7);
+    let mut first = bench.points(2);
+    let (lines, _) = generator.window(&still, 0.0, 120, 60);
+    first.track(&lines);
+    let mut second = bench.points(2);
+    second.recall(first.memory());
+    let (lines, _) = generator.window(&still, 0.05, 120, 60);
+    assert_eq!(first.track(&lines).0, second.track(&lines).0);
+}
