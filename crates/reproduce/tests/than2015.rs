@@ -117,3 +117,33 @@ fn published_static_cylinder_in_a_dozen_windows() {
     assert!(mean.ours.values().all(|error| error.unwrap() < 2.0), "{mean:?}");
     assert!(mean.ours["mixture"].unwrap() < mean.ours["fcm"].unwrap(), "{mean:?}");
 }
+
+#[test]
+fn published_other_tables_run_in_seconds() {
+    for id in [
+        "than2015/speed-and-size",
+        "than2015/window-and-activity",
+        "than2015/torso",
+        "than2015/point-registration",
+    ] {
+        let table = quick(id, &OneAfterAnother);
+        check(&table);
+        let mean = table.rows.iter().find(|row| row.quantity.starts_with("mean")).unwrap();
+        // Windows of full rings; few of them.
+        assert!(mean.ours["mixture"].is_some_and(|error| error < 2.0), "{id}: {mean:?}");
+    }
+}
+
+#[test]
+fn published_experiments_account_for_every_window() {
+    for id in ["than2015/experiment-tf64", "than2015/experiment-allegro"] {
+        let table = quick(id, &OneAfterAnother);
+        check(&table);
+        let mean = &table.rows[0];
+        assert!(mean.ours["mixture"].unwrap() < 1.5, "{id}: {mean:?}");
+        // The activity that brings the published lines on the whole way (the start, in the middle of the scanner, sees twice as many).
+        let (_, activity) = table.settings.iter().find(|(name, _)| name == "activity").unwrap();
+        let factor: f64 = activity.split([' ', ':']).nth(1).unwrap().parse().unwrap();
+        assert!((0.6..1.6).contains(&factor), "{id}: {activity}");
+    }
+}

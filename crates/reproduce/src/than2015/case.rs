@@ -15,7 +15,9 @@ pub struct Path<'a> {
     pub motion: &'a dyn Motion,
     /// Length of a window, s.
     pub window_s: f64,
-    /// Windows from the start.
+    /// The first window that is looked at.
+    pub first: usize,
+    /// How many windows are looked at.
     pub windows: usize,
 }
 
@@ -44,7 +46,7 @@ pub fn lead(
     let run = Run {
         motion: path.motion,
         window_s: path.window_s,
-        first: 0,
+        first: path.first,
         windows: path.windows,
         markers_capsule_m: set.markers_capsule_m()?,
     };

@@ -43,7 +43,7 @@ fn run(context: &Context<'_>, mut table: Table, published: &Experiment) -> Resul
     set.scale_activity(factors[0]);
     let all = track.windows(published.window_s);
     let windows = context.size.pick(all, QUICK.0);
-    let path = Path { motion: &track, window_s: published.window_s, windows };
+    let path = Path { motion: &track, window_s: published.window_s, first: 0, windows };
     let seeds = &context.seeds;
     let runs = context.jobs("experiment", seeds.len(), |k| {
         // The adaptive budget of section 5.5 for `fcm` and `rigid`.

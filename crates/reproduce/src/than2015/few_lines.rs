@@ -81,8 +81,12 @@ fn cell(context: &Context<'_>, job: (usize, bool, u64), factors: &[f64]) -> Resu
     let name = format!("few-lines-{}{}", rate.phantom, if fast { "-fast" } else { "" });
     let helix = Helix { times_faster: if fast { FAST } else { 1.0 } };
     let all = helix.windows(WINDOW_S);
-    let path =
-        Path { motion: &helix, window_s: WINDOW_S, windows: context.size.pick(all, all.min(QUICK_WINDOWS)) };
+    let path = Path {
+        motion: &helix,
+        window_s: WINDOW_S,
+        first: 0,
+        windows: context.size.pick(all, all.min(QUICK_WINDOWS)),
+    };
     let followers = Estimators::new(&set).all(Budget::AtMost(BUDGET), MOTION_PRIOR);
     let led = case::lead(&set, path, &name, seed, followers)?;
     Ok(Cell { row, fast, led, activity_factor: factors[row] })

@@ -34,7 +34,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     }
     let helix = Helix { times_faster: 1.0 };
     let windows = context.size.pick(helix.windows(WINDOW_S), QUICK_WINDOWS);
-    let path = Path { motion: &helix, window_s: WINDOW_S, windows };
+    let path = Path { motion: &helix, window_s: WINDOW_S, first: 0, windows };
     let cells = context.jobs("point registration", jobs.len(), |k| one(context, path, jobs[k]))?;
     table.set("path", format!("helix of 36 s, {windows} windows of 50 ms per seed"));
     table.set("simulator", Source::MODE);

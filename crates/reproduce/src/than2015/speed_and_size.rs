@@ -58,8 +58,12 @@ fn cell(context: &Context<'_>, (body, times, seed): (usize, u32, u64)) -> Result
     let set = Set::than2015(context.models, "allegro", BODIES[body].0)?;
     let helix = Helix { times_faster: f64::from(times) };
     let all = helix.windows(WINDOW_S);
-    let path =
-        Path { motion: &helix, window_s: WINDOW_S, windows: context.size.pick(all, all.min(QUICK_WINDOWS)) };
+    let path = Path {
+        motion: &helix,
+        window_s: WINDOW_S,
+        first: 0,
+        windows: context.size.pick(all, all.min(QUICK_WINDOWS)),
+    };
     let followers = Estimators::new(&set).all(Budget::AtMost(STATIC_CYLINDER.line_budget), MotionPrior::SLOW);
     let led = case::lead(&set, path, &format!("speed-{}-{times}", BODIES[body].0), seed, followers)?;
     Ok(Cell { body, times, led })

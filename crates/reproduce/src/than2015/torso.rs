@@ -95,7 +95,8 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     set.scale_activity(TORSO.activity_mbq / 1.85);
     let all = stretch.windows(WINDOW_S);
     let windows = context.size.pick(all, QUICK_WINDOWS);
-    let path = Path { motion: &stretch, window_s: WINDOW_S, windows };
+    // A few windows are taken from the middle: at its ends the stretch leaves the field of view's centre.
+    let path = Path { motion: &stretch, window_s: WINDOW_S, first: 0, windows };
     let seeds = &context.seeds;
     let runs = context.jobs("torso", seeds.len(), |k| {
         let followers = Estimators::new(&set).all(Budget::AtMost(BUDGET), MotionPrior::SLOW);

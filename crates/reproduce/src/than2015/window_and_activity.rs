@@ -63,7 +63,7 @@ fn cell(
     let helix = Helix { times_faster: 1.0 };
     let window_s = 1e-3 * WINDOWS_MS[window];
     let all = helix.windows(window_s).min(MOST_WINDOWS);
-    let path = Path { motion: &helix, window_s, windows: context.size.pick(all, QUICK_WINDOWS) };
+    let path = Path { motion: &helix, window_s, first: 0, windows: context.size.pick(all, QUICK_WINDOWS) };
     let followers = Estimators::new(&set).all(Budget::All, MotionPrior::SLOW);
     let led = case::lead(&set, path, &format!("window-{window}-{activity}"), seed, followers)?;
     Ok(Cell { window, activity, led })

@@ -56,6 +56,8 @@ pub(crate) struct Top {
     /// Inverse of the covariance, the prior's included.
     pub(crate) information: Matrix6<f64>,
     pub(crate) effective_lines: f64,
+    /// Lines that pass near.
+    pub(crate) near: usize,
     pub(crate) converged: bool,
 }
 
@@ -161,6 +163,7 @@ impl Climber {
             gain: e.log_likelihood - window.near() as f64 * window.background_per_m2.ln(),
             information: e.information,
             effective_lines: e.effective_lines(),
+            near: window.near(),
             converged: false,
         };
         top.objective += self.log_share_prior(shares);

@@ -318,7 +318,8 @@ fn order(point: &Result<TrackedPoint, Failure>) -> [f64; 3] {
     point.as_ref().map_or([f64::INFINITY; 3], |p| p.position_world_m.into())
 }
 
-fn distance_m(line: &Line, at: &Vector3<f64>) -> f64 {
+/// Distance of a place from a line, m.
+pub(crate) fn distance_m(line: &Line, at: &Vector3<f64>) -> f64 {
     let along = line.ends_world_m[1] - line.ends_world_m[0];
     (at - line.ends_world_m[0]).cross(&along).norm() / along.norm()
 }
@@ -343,7 +344,7 @@ fn meeting(a: &Line, b: &Line) -> Option<Vector3<f64>> {
 }
 
 /// Of the places where two lines nearly meet, the one that most lines pass.
-fn densest(lines: &[&Line]) -> Option<Vector3<f64>> {
+pub(crate) fn densest(lines: &[&Line]) -> Option<Vector3<f64>> {
     let passing = |at: &Vector3<f64>| -> f64 {
         let of = |line: &&Line| (-0.5 * (distance_m(line, at) / PASSING_M).powi(2)).exp();
         lines.iter().map(of).sum()
