@@ -12,7 +12,7 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 12] = [
+const SHIPPED: [(&str, &str); 14] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
     ("colon-pet", include_str!("../../../../scenarios/colon-pet.toml")),
@@ -21,6 +21,8 @@ const SHIPPED: [(&str, &str); 12] = [
     ("matched-magnetic", include_str!("../../../../scenarios/matched-magnetic.toml")),
     ("matched-pet", include_str!("../../../../scenarios/matched-pet.toml")),
     ("replay/magnet-patch", include_str!("../../../../scenarios/replay/magnet-patch.toml")),
+    ("replay/pept-1p-fluidised", include_str!("../../../../scenarios/replay/pept-1p-fluidised.toml")),
+    ("replay/pept-2p-static", include_str!("../../../../scenarios/replay/pept-2p-static.toml")),
     ("smoke/colon", include_str!("../../../../scenarios/smoke/colon.toml")),
     ("smoke/faults", include_str!("../../../../scenarios/smoke/faults.toml")),
     ("smoke/helix", include_str!("../../../../scenarios/smoke/helix.toml")),

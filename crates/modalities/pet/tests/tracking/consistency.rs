@@ -3,10 +3,10 @@
 
 use super::support::{Ends, Generator, MotionFilter, WINDOW_S, capsule, noise_of_law, scanner};
 use lumenav_core::pose::{ominus, oplus};
-use lumenav_core::{PriorUse, RandomStream, RandomStreams};
+use lumenav_core::{RandomStream, RandomStreams};
 use lumenav_pet::Line;
-use lumenav_pet::tracking::{BlockNoise, Mixture, MixtureOptions, Prior, Tracker};
-use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+use lumenav_pet::tracking::{BlockNoise, Mixture, MixtureOptions, Tracker};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use rand_distr::{Distribution as _, StandardNormal};
 
 const ACCELERATION: [f64; 2] = [0.03, 1.0];
@@ -98,11 +98,7 @@ fn law_translations_of_the_world_do_not_change_the_errors() {
     let by = Vector3::new(1e-4, -2e-4, 3e-4);
     let moved: Vec<_> =
         lines.iter().map(|l| Line { ends_world_m: l.ends_world_m.map(|e| e + by), ..*l }).collect();
-    let pose = |lines: &[lumenav_pet::Line]| {
-        lumenav_pet::tracking::Tracker::track(&mut here.clone(), lines, None)
-            .expect("a pose")
-            .world_from_capsule
-    };
+    let pose = |lines: &[Line]| here.clone().track(lines, None).expect("a pose").world_from_capsule;
     let (a, b) = (pose(&lines), pose(&moved));
     assert!((b.translation.vector - a.translation.vector - by).norm() < 2e-6);
 }
