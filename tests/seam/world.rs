@@ -110,6 +110,10 @@ pub(super) fn sensor(look: impl Look + 'static) -> Box<dyn Sensor> {
     Box::new(Periodic { look, sequence: 0 })
 }
 
+#[expect(
+    clippy::unnecessary_wraps,
+    reason = "one of the ways to read that a sensor is given; others can fail"
+)]
 fn unlabelled(reading: Reading) -> Result<Observation, ModalityError> {
     Ok(Observation { reading, labels: None })
 }

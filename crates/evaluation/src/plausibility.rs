@@ -66,7 +66,7 @@ impl SpeedCheck {
     /// The next estimate, m; one that is not later than the last is not looked at.
     pub fn push(&mut self, at_s: f64, position_m: Vector3<f64>) {
         if let Some((from_s, from_m)) = self.last {
-            if !(at_s > from_s) {
+            if at_s.partial_cmp(&from_s) != Some(std::cmp::Ordering::Greater) {
                 return;
             }
             let speed_m_s = (position_m - from_m).norm() / (at_s - from_s);

@@ -85,8 +85,7 @@ fn main() {
         println!("block noise {block:?}");
     }
     println!(
-        "{windows} windows, ends by {}, speed x{speed}, acceleration {acceleration} m/s2, 1 rad/s2",
-        source
+        "{windows} windows, ends by {source}, speed x{speed}, acceleration {acceleration} m/s2, 1 rad/s2"
     );
     for (lines, share) in ROWS {
         for seed in 1..=seeds {

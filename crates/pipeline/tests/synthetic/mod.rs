@@ -53,7 +53,7 @@ pub fn header(duration_s: f64, tracks: &[&str]) -> RunHeader {
         sensors: vec![SensorHeader { name: "belt".into(), modality: "magnetic".into() }],
         capsule: CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.004 },
         has_truth: true,
-        expect: Default::default(),
+        expect: lumenav_pipeline::events::ExpectTable::default(),
         scenario_toml: "name = \"helix\"\n".into(),
     }
 }

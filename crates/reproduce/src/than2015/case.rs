@@ -31,6 +31,9 @@ pub struct Led {
     pub tally: Tally,
 }
 
+/// A figure of a score.
+pub type Figured = fn(&Score) -> f64;
+
 /// Leads estimators along a path. `stream` names the random streams: cases of different names see different decays.
 ///
 /// # Errors

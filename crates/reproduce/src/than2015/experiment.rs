@@ -4,7 +4,7 @@
 //! 480 s; the triangle's sides, activities and cores as measured. The activity is scaled so that the mean count of lines is the
 //! published one; the factor is printed.
 
-use super::case::{self, Led, Path, lines_per_window, per_seed};
+use super::case::{self, Figured, Led, Path, lines_per_window, per_seed};
 use super::estimators::{Estimators, FCM, FILTERED, MotionPrior, RIGID};
 use super::motion::{Motion, Track};
 use super::published::{ALLEGRO, Experiment, TF64};
@@ -105,7 +105,7 @@ fn rows(table: &mut Table, runs: &[&Led], published: &Experiment) {
         let row = per_seed(row, runs, |s| s.failed_check as f64, true);
         table.rows.push(row.judged(judged, lower, Tolerance::Absolute(0.0), ""));
     }
-    let counted: [(&str, fn(&Score) -> f64); 3] = [
+    let counted: [(&str, Figured); 3] = [
         ("that failed (3 mm)", |s| s.failed_3_mm as f64),
         ("that failed (5 mm)", |s| s.failed_5_mm as f64),
         ("without a pose", |s| s.without_pose as f64),

@@ -3,7 +3,7 @@
 //! Each count comes from its own cylinder of table 4.2, not by thinning: the true share falls with it. The markers' activity is set so
 //! that the mean count is the table's (the factor is printed). All estimators see the same windows.
 
-use super::case::{self, Led, Path, lines_per_window, per_seed};
+use super::case::{self, Figured, Led, Path, lines_per_window, per_seed};
 use super::estimators::{ALONE, Estimators, FILTERED, MotionPrior};
 use super::motion::{Helix, Motion};
 use super::published::{FEW_LINES, FewLinesRow, HELIX_RUNS, RATES, WINDOW_S};
@@ -42,9 +42,6 @@ struct Cell {
     led: Led,
     activity_factor: f64,
 }
-
-/// A number of a score.
-type Figured = fn(&Score) -> f64;
 
 /// Runs it.
 pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {

@@ -4,7 +4,7 @@
 //! published run, is the one that spans the least along the scanner's axis; the bed is moved so that it lies in the middle of the field
 //! of view.
 
-use super::case::{self, Led, Path, lines_per_window, per_seed, true_percent};
+use super::case::{self, Figured, Led, Path, lines_per_window, per_seed, true_percent};
 use super::estimators::{Estimators, FCM, FILTERED, MotionPrior, RIGID};
 use super::motion::{Motion, along};
 use super::published::{TORSO, WINDOW_S};
@@ -154,7 +154,7 @@ fn rows(table: &mut Table, runs: &[&Led]) {
     let row = Row::new("mean error of the orientation vector", "deg", Some(mean_deg));
     table.rows.push(judged(per_seed(row, runs, Score::orientation_deg, false), FCM, relative));
     let windows = runs.first().map_or(0, |led| led.scores[0].windows);
-    let counted: [(&str, fn(&Score) -> f64); 2] =
+    let counted: [(&str, Figured); 2] =
         [("that failed (3 mm)", |s| s.failed_3_mm as f64), ("without a pose", |s| s.without_pose as f64)];
     for (what, value) in counted {
         let row = Row::new(format!("windows of {windows} {what}, worst seed"), "", Some(0.0));
