@@ -11,12 +11,15 @@ use crate::exit::was_stopped;
 use crate::progress::Progress;
 use crate::table;
 use anyhow::{Context as _, bail};
+use lumenav::core::SimTime;
+use lumenav::pipeline::RunError;
 use lumenav::report::{
     Manifest, Metrics, Trials, TrialsCollector, check_replaceable, read_json, write_trials,
 };
 use rayon::prelude::*;
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 /// Runs the trials and says what they add up to.
 pub fn run_trials(job: &Job<'_>, out: &Path, verbosity: Verbosity) -> anyhow::Result<()> {
@@ -117,6 +120,10 @@ fn one(job: &Job<'_>, out: &Path, trial: u64) -> anyhow::Result<Metrics> {
     let folder = trial_folder(out, trial);
     if let Some(metrics) = finished(job, &folder, trial)? {
         return Ok(metrics);
+    }
+    // Before a world is built: thousands of trials may be waiting.
+    if job.stop.load(Ordering::Relaxed) {
+        return Err(RunError::Stopped { at: SimTime::ZERO }.into());
     }
     job.run(trial, &folder, false, &mut Progress::new(false))?;
     // Read back, as those that were finished before are: a number in JSON may lose its last bit.
