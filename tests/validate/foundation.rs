@@ -2,7 +2,7 @@
 
 use crate::figures::{trajectory, transported_m};
 use crate::row::{Outcome, Sheet};
-use crate::tools::{Ended, bench, lumenav, metrics_of, root, run, test};
+use crate::tools::{Ended, bench, lumenav, metrics_of, root, run, test, tested};
 use lumenav::evaluation::trajectory::absolute::absolute_pose_error;
 use lumenav::evaluation::trajectory::relative::{Delta, PairRule, relative_pose_error};
 use lumenav::evaluation::trajectory::{Relation, associate};
@@ -150,12 +150,6 @@ fn consistency(sheet: &mut Sheet, out: &Path) {
     }
     tested(sheet, "2 consistency, linear-Gaussian matched case", "it", "consistency::");
     tested(sheet, "3 bound tables of the reference study", "bound", "");
-}
-
-/// A row that is a test of the workspace at its full size.
-fn tested(sheet: &mut Sheet, line: &str, target: &str, name: &str) {
-    let command = format!("LUMENAV_FULL=1 cargo test --release --workspace --test {target} -- {name}");
-    sheet.row(line, command.trim_end_matches([' ', '-']), "passes", || test(target, name, &[]));
 }
 
 /// Line 4.

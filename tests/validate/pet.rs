@@ -1,7 +1,7 @@
 //! PET: the Shows lines and speeds of PET-marker tracking.
 
 use crate::row::{Outcome, Sheet};
-use crate::tools::{bench, lumenav, metrics_of, run, test};
+use crate::tools::{bench, lumenav, metrics_of, run, tested};
 use lumenav::report::{Trials, read_json};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -63,11 +63,13 @@ fn published(sheet: &mut Sheet, out: &Path) {
         ("-", "than2015/dose"),
     ] {
         let command = format!("reproduce {id} --json");
-        sheet.row(&format!("{line} {id}"), &command, "every goal of its table", || reproduction(id, out));
+        sheet.row(&format!("{line} {id}"), &command, "every goal of its table", || {
+            reproduction(line, id, out)
+        });
     }
 }
 
-fn reproduction(id: &str, out: &Path) -> Outcome {
+fn reproduction(line: &str, id: &str, out: &Path) -> Outcome {
     let ended = run(lumenav().args(["-q", "reproduce", id, "--json", "--out"]).arg(out.join("reproduce")))?;
     let table: Reproduced = serde_json::from_str(&ended.stdout).map_err(|e| format!("{id}: {e}"))?;
     let mut verdicts = BTreeMap::new();
@@ -83,6 +85,9 @@ fn reproduction(id: &str, out: &Path) -> Outcome {
         })
         .collect();
     let tally: Vec<String> = verdicts.iter().map(|(verdict, n)| format!("{n} {verdict}")).collect();
+    if goals.is_empty() && line != "-" {
+        return Err(format!("{id}: no row of the table has a goal"));
+    }
     let mut figure =
         format!("{}; {} of {} goals met", tally.join(", "), goals.len() - missed.len(), goals.len());
     if !missed.is_empty() {
@@ -119,12 +124,13 @@ fn covered(trials: &Trials, track: &str) -> Outcome {
     let nees = track.nees.as_ref().ok_or("no NEES")?;
     let (share, coverage) = (nees.share_within_085_125, nees.across.coverage_90);
     let figure = format!(
-        "{:.1} % of {} steps within 0.85 to 1.25, mean {:.3}, coverage {:.1} %, worst error {:.2} mm, {} trials failed",
+        "{:.1} % of {} steps within 0.85 to 1.25, mean {:.3}, coverage {:.1} %, worst error {:.2} mm, available {:.1} %, {} trials failed",
         100.0 * share,
         nees.across.steps,
         nees.across.mean_per_dof,
         100.0 * coverage,
         track.worst_mm.unwrap_or(f64::NAN),
+        track.availability.map_or(f64::NAN, |a| 100.0 * a.mean),
         trials.failed
     );
     Ok((figure, share >= 0.9 && (0.85..=0.95).contains(&coverage)))
@@ -144,7 +150,9 @@ fn real_data(sheet: &mut Sheet, out: &Path) {
             pair.mean_without_outliers_mm, pair.median_mm, pair.robust_sd_mm, pair.outliers, pair.instants
         );
         let near = (pair.mean_without_outliers_mm - 172.1).abs() <= 0.3;
-        Ok((figure, near && pair.robust_sd_mm <= 0.8 && outliers <= 0.03))
+        // Seven windows hold no line of the particles, or are cut short (the replay's file says which).
+        let answered = windows - pair.instants as u64 <= 7;
+        Ok((figure, near && answered && pair.robust_sd_mm <= 0.8 && outliers <= 0.03))
     });
     let replay = "scenarios/replay/pept-1p-fluidised.toml";
     sheet.row(
@@ -215,19 +223,13 @@ fn misuse(sheet: &mut Sheet) {
     tested(sheet, "8 background alone, two lines, a thousand parallel ones", "tracking", "misuse::");
 }
 
-/// A row that is a test of the workspace at its full size.
-fn tested(sheet: &mut Sheet, line: &str, target: &str, name: &str) {
-    let command = format!("LUMENAV_FULL=1 cargo test --release --workspace --test {target} -- {name}");
-    sheet.row(line, &command, "passes", || test(target, name, &[]));
-}
-
 fn speed(sheet: &mut Sheet) {
     for (target, name, what, at_most_s) in [
         ("track", "rigid", "rigid, 210 lines", 25e-6),
         ("track", "mixture", "mixture, 210 lines", 40e-6),
         ("track", "initialize", "global initialization, 210 lines", 2e-3),
-        ("simulate", "forced", "forced, 50 ms of the reduced scanner", 15e-3),
-        ("simulate", "tabulated", "tabulated, 50 ms of the reduced scanner", 1e-3),
+        ("simulate", "forced/reduced", "forced, 50 ms of the reduced scanner", 15e-3),
+        ("simulate", "tabulated/reduced", "tabulated, 50 ms of the reduced scanner", 1e-3),
     ] {
         let command = format!("cargo bench --workspace --bench {target}");
         sheet.row(&format!("speed: {what}"), &command, &format!("<= {at_most_s:e} s"), || {

@@ -1,6 +1,7 @@
 //! Starting programs and reading what they leave.
 
 use crate::figures::{Bench, divan_table};
+use crate::row::Sheet;
 use lumenav::report::{Metrics, read_json};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -133,4 +134,10 @@ pub fn bench(target: &str) -> Result<Vec<Bench>, String> {
         .args(["bench", "--quiet", "--workspace", "--bench", target])
         .current_dir(root()))?;
     Ok(divan_table(&ended.stdout))
+}
+
+/// A row that is a test of the workspace at its full size.
+pub fn tested(sheet: &mut Sheet, line: &str, target: &str, name: &str) {
+    let command = format!("LUMENAV_FULL=1 cargo test --release --workspace --test {target} -- {name}");
+    sheet.row(line, command.trim_end_matches([' ', '-']), "passes", || test(target, name, &[]));
 }

@@ -128,7 +128,7 @@ pub enum Command {
 pub struct RunOptions {
     /// The scenario file.
     pub scenario: PathBuf,
-    /// Folder to write; default out/<scenario>-<seed>.
+    /// Folder to write; default out/<scenario>-<seed>, with trials out/<scenario>-<seed>.trials.
     #[arg(long)]
     pub out: Option<PathBuf>,
     /// Seed; default the scenario's.

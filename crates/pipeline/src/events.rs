@@ -214,7 +214,7 @@ pub enum RunEvent<'a> {
         /// In words.
         text: &'a str,
     },
-    /// The clock moved: for progress, about once per simulated second.
+    /// The clock moved: for progress, once per simulated second; in a replay at the rate at which availability is judged.
     Clock {
         /// The simulated time.
         at: SimTime,

@@ -2,7 +2,7 @@
 //!
 //! Keys are stable (schema 1); a figure that does not exist (no truth, no roll, no filter) is `null`. No wall times: equal
 //! runs give equal files. Memory: 8 bytes per judged update for the position error, whose quantiles are exact; those of the other
-//! figures are exact for short runs and good to half a thousandth for long ones (`lumenav_evaluation::bounded`). Everything else is sums.
+//! figures are exact for short runs and good to half a thousandth for long ones; where `[expect]` asks for them, 8 bytes per step and per pair (`lumenav_evaluation::bounded`). Everything else is sums.
 //!
 //! *Availability* is the share of the truth's instants (in a replay: of the clock's) at which the last estimate that a measurement
 //! has entered is at most [`FRESH_S`] old. *Latency* is the time between the instant an estimate is about and the one at which it was available.
@@ -353,11 +353,34 @@ impl Collector {
     }
 }
 
-/// A pair of tracks, and where each was last.
+/// Instants of a pair that wait for the other track: more than any latency makes.
+const MOST_WAITING: usize = 1000;
+
+/// A pair of tracks: where each was at instants that the other has not told yet; each instant counts once.
 struct Pair {
     tracks: [String; 2],
-    last: [Option<(SimTime, Vector3<f64>)>; 2],
+    waiting: BTreeMap<SimTime, [Option<Vector3<f64>>; 2]>,
+    last_paired: Option<SimTime>,
     check: DistanceCheck,
+}
+
+impl Pair {
+    fn take(&mut self, which: usize, at: SimTime, position_m: Vector3<f64>) {
+        if self.last_paired.is_some_and(|last| at <= last) {
+            return;
+        }
+        let places = self.waiting.entry(at).or_default();
+        places[which] = Some(position_m);
+        if let [Some(a), Some(b)] = places {
+            self.check.push(a, b);
+            self.last_paired = Some(at);
+            self.waiting = self.waiting.split_off(&at);
+            self.waiting.remove(&at);
+        }
+        if self.waiting.len() > MOST_WAITING {
+            self.waiting.pop_first();
+        }
+    }
 }
 
 /// Collects what needs no truth.
@@ -374,7 +397,8 @@ impl Plausibility {
             limit.map(|limit| header.tracks.iter().map(move |t| (t.name.clone(), SpeedCheck::new(limit.0))));
         let pair = |pair: &DistanceTable| Pair {
             tracks: pair.tracks.clone(),
-            last: [None; 2],
+            waiting: BTreeMap::new(),
+            last_paired: None,
             check: DistanceCheck::default(),
         };
         Self {
@@ -395,12 +419,7 @@ impl Plausibility {
             let Some(k) = pair.tracks.iter().position(|name| name.as_str() == &**update.track) else {
                 continue;
             };
-            pair.last[k] = Some((at, position));
-            if let [Some((a_at, a)), Some((b_at, b))] = pair.last
-                && a_at == b_at
-            {
-                pair.check.push(&a, &b);
-            }
+            pair.take(k, at, position);
         }
     }
 

@@ -40,11 +40,24 @@ fn simulator(scanner: &str, mode: Mode) -> Option<Simulator> {
     ))
 }
 
-#[divan::bench(args = [
-    ("reduced", Mode::Analog), ("reduced", Mode::Forced), ("reduced", Mode::Tabulated),
-    ("allegro", Mode::Analog), ("allegro", Mode::Forced), ("allegro", Mode::Tabulated),
-], sample_size = 1, sample_count = 20)]
-fn window(bencher: Bencher, (scanner, mode): (&str, Mode)) {
+const SCANNERS: [&str; 2] = ["reduced", "allegro"];
+
+#[divan::bench(args = SCANNERS, sample_size = 1, sample_count = 20)]
+fn analog(bencher: Bencher, scanner: &str) {
+    window(bencher, scanner, Mode::Analog);
+}
+
+#[divan::bench(args = SCANNERS, sample_size = 1, sample_count = 40)]
+fn forced(bencher: Bencher, scanner: &str) {
+    window(bencher, scanner, Mode::Forced);
+}
+
+#[divan::bench(args = SCANNERS, sample_size = 1, sample_count = 40)]
+fn tabulated(bencher: Bencher, scanner: &str) {
+    window(bencher, scanner, Mode::Tabulated);
+}
+
+fn window(bencher: Bencher, scanner: &str, mode: Mode) {
     let Some(mut simulator) = simulator(scanner, mode) else { return };
     let random = RandomStreams::new(1, 0, "bench");
     let motion = |t: f64| Isometry3::translation(0.02 + 0.005 * t, 0.01, 0.012);

@@ -81,7 +81,7 @@ pub struct OptionsTable {
     /// Whether a pose that is lost, or about to be, is searched for anew: the failure prediction of than2015, section 3.4.4 (`fcm`,
     /// `rigid`), the test of the markers' orders over several windows (`mixture`, `lines`).
     pub predict_failures: bool,
-    /// Whether the markers' places in the capsule are estimated on the way (`mixture`, `lines`).
+    /// Whether the markers' places in the capsule are estimated on the way (`mixture`).
     pub estimate_markers: bool,
     /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
     pub most_lines: Option<u32>,
@@ -101,6 +101,10 @@ impl OptionsTable {
     /// [`ModalityError::Config`] with file, line and key.
     pub fn from_node(node: &Node) -> Result<Self, ModalityError> {
         let table: Self = node.parse_sourced(&OPTIONS_SOURCES)?;
+        if table.estimate_markers && table.front_end != Output::Mixture {
+            let message = "only `front_end = \"mixture\"` estimates where the markers are";
+            return Err(node.error_at("estimate_markers", message).into());
+        }
         if !(1..=MOST_POINTS).contains(&table.points) {
             let message = format!("{} points; allowed: 1 to {MOST_POINTS}", table.points);
             return Err(node.error_at("points", &message).into());

@@ -24,7 +24,7 @@ use crate::tracking::ClassicOptions;
 use crate::tracking::budget::Budget;
 use crate::tracking::fcm::Fcm;
 use crate::tracking::likelihood::{Likelihood, Weights};
-use crate::tracking::mixture::{FIRST_BACKGROUND, Mixture, MixtureOptions};
+use crate::tracking::mixture::{FIRST_BACKGROUND, FOLLOWED_GAIN, Mixture, MixtureOptions};
 use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
 use crate::tracking::points::Points;
 use crate::tracking::rigid::Rigid;
@@ -128,15 +128,12 @@ impl PetFrontEnd {
 
     /// Share of the background with the pose held fixed, by expectation-maximisation: how the lines divide where the tracker could
     /// not say.
-    fn background_at(model: &mut LinesModel, pose: &Isometry3<f64>) -> f64 {
+    fn background_at(model: &mut LinesModel, pose: &Isometry3<f64>) {
         let near = model.window.near() as f64;
-        let mut explained = 0.0;
         for _ in 0..BACKGROUND_STEPS {
             let found = model.evaluate(pose);
-            explained = found.effective_lines();
             model.weights.background = share_of(found.background_lines, near);
         }
-        explained
     }
 
     fn measured(
@@ -209,11 +206,18 @@ impl PetFrontEnd {
             Ok(model) => model,
             Err(why) => return refused(&why.to_string()),
         };
-        model.weights = self.weights(&model.window);
-        let explained = match tracked {
-            Ok(()) => model.evaluate(&about).effective_lines(),
-            Err(_) => Self::background_at(&mut model, &about),
-        };
+        if tracked.is_ok() {
+            model.weights = self.weights(&model.window);
+        } else {
+            // The tracker's shares are those of an earlier window.
+            Self::background_at(&mut model, &about);
+        }
+        let found = model.evaluate(&about);
+        let explained = found.effective_lines();
+        let gain = found.log_likelihood - model.window.near() as f64 * model.window.background_per_m2.ln();
+        if gain < FOLLOWED_GAIN || gain.is_nan() {
+            return refused(&Failure::NoEvidence { gain, needed: FOLLOWED_GAIN }.to_string());
+        }
         if explained < FEWEST_EXPLAINED {
             let given = model.window.len();
             return refused(&format!(

@@ -31,6 +31,10 @@ pub struct Led {
     pub tally: Tally,
 }
 
+/// What every table of followed windows must say.
+pub const LATE: &str = "up to four windows before an estimator's first pose are answered late, starting from that pose; windows without a pose \
+                        count as failed";
+
 /// A figure of a score.
 pub type Figured = fn(&Score) -> f64;
 

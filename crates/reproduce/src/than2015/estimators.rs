@@ -5,7 +5,7 @@
 //! | `mixture alone` | this project's likelihood, one window at a time, starting from its own last pose: no motion prior |
 //! | `mixture` | the same lines as likelihood in the error-state filter, whose motion model is the prior |
 //!
-//! Line noise is computed from scanner and crystal by `BlockNoise::of_scanner`, not fitted to lines of the runs.
+//! Line noise is computed from scanner and crystal by `BlockNoise::of_block`, not fitted to lines of the runs.
 
 use super::follow::{Alone, Followed, Follower, Window};
 use super::scoring::placed;
@@ -50,7 +50,7 @@ pub struct MotionPrior {
 
 impl MotionPrior {
     /// The reference's 30 mm/s² and 1 rad/s² per window of 50 ms (standard deviations, held for a window) as random walks: times
-    /// √(50 ms). Taken as it is, not tuned on any run of this project.
+    /// √(50 ms). Not tuned on any run of this project; but the reference picked it by hand on this very helix, whose smoothness flatters it.
     pub const SLOW: Self = Self { velocity_walk: 6.7e-3, rate_walk: 0.22 };
 
     /// In words.

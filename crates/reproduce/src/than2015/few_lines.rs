@@ -7,7 +7,7 @@ use super::case::{self, Figured, Led, Path, lines_per_window, per_seed};
 use super::estimators::{ALONE, Estimators, FILTERED, MotionPrior};
 use super::motion::{Helix, Motion};
 use super::published::{FEW_LINES, FewLinesRow, HELIX_RUNS, RATES, WINDOW_S};
-use super::scoring::Score;
+use super::scoring::{FAILED_3_MM_M, Score};
 use super::source::{Set, Source};
 use crate::ReproduceError;
 use crate::context::Context;
@@ -39,6 +39,7 @@ const QUICK_WINDOWS: usize = 40;
 struct Cell {
     row: usize,
     fast: bool,
+    seed: u64,
     led: Led,
     activity_factor: f64,
 }
@@ -66,8 +67,29 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     for row in (0..FEW_LINES.len()).filter(|row| GOALS_FAST_MM[*row].is_some()) {
         fast_rows(&mut table, &cells, row);
     }
+    failed_windows(&mut table, &cells);
     table.figures = figures(&cells)?;
     Ok(table)
+}
+
+/// Which windows of the filtered mixture failed: a start that is not settled is another thing than a track that is lost.
+fn failed_windows(table: &mut Table, cells: &[Cell]) {
+    for cell in cells {
+        let Some(k) = cell.led.names.iter().position(|name| name == FILTERED) else { continue };
+        let score = &cell.led.scores[k];
+        let failed = score.worst_m.iter().enumerate().filter(|(_, worst)| **worst > FAILED_3_MM_M);
+        let listed: Vec<String> = failed.map(|(w, worst)| format!("{w} ({:.1} mm)", 1e3 * worst)).collect();
+        if !listed.is_empty() {
+            table.note(format!(
+                "`{FILTERED}` failed at {} lines{}, seed {}, {} answered late: windows {}",
+                FEW_LINES[cell.row].lines,
+                if cell.fast { ", fast" } else { "" },
+                cell.seed,
+                score.answered_late,
+                listed.join(", ")
+            ));
+        }
+    }
 }
 
 fn cell(context: &Context<'_>, job: (usize, bool, u64), factors: &[f64]) -> Result<Cell, ReproduceError> {
@@ -86,7 +108,7 @@ fn cell(context: &Context<'_>, job: (usize, bool, u64), factors: &[f64]) -> Resu
     };
     let followers = Estimators::new(&set).all(Budget::AtMost(BUDGET), MOTION_PRIOR);
     let led = case::lead(&set, path, &name, seed, followers)?;
-    Ok(Cell { row, fast, led, activity_factor: factors[row] })
+    Ok(Cell { row, fast, seed, led, activity_factor: factors[row] })
 }
 
 /// The seeds of a row.

@@ -100,13 +100,17 @@ fn rows(table: &mut Table, runs: &[Jumped], before: usize) {
     };
     let back =
         Row::new("runs from the jump to the first with all markers within 3 mm, worst seed", "", Some(1.0));
-    let back = fill(back, &|s| lost_for(&s.worst_m, before) as f64);
+    let back = fill(back, &|s| lost_for(&s.worst_m, before) as f64).goal(FCM, 1.0);
     let why = "0: already the first window after the jump is right; the source: back within one run with failure prediction";
     table.rows.push(back.judged(FCM, Sense::LowerIsBetter, Tolerance::Absolute(0.0), why));
     let at_end = |s: &Score| f64::from(u8::from(s.worst_m.last().is_none_or(|worst| *worst > FAILED_3_MM_M)));
     let lost = fill(Row::new("lost at the end (1: yes), without failure prediction", "", Some(1.0)), &at_end);
     let why = "the source: lost without failure prediction; the other estimators are to be 0";
     table.rows.push(lost.judged(BLIND, Sense::Match, Tolerance::Absolute(0.0), why));
+    let after_jump =
+        |s: &Score| s.worst_m[before..].iter().filter(|worst| **worst <= FAILED_3_MM_M).count() as f64;
+    let found = fill(Row::new("windows after the jump that are right, worst seed", "", None), &after_jump);
+    table.rows.push(found.goal(BLIND, 0.0).not_comparable("without failure prediction none is to be"));
     let failed =
         |s: &Score| s.worst_m[before..].iter().filter(|worst| **worst > FAILED_3_MM_M).count() as f64;
     let name = format!(

@@ -4,7 +4,7 @@
 //! Reduced scanner, where lines are few, and the full ring.
 
 use super::case::{self, Led, Path, per_seed};
-use super::estimators::{Estimators, FILTERED, MotionPrior, REGISTERED, RIGID};
+use super::estimators::{Estimators, MotionPrior, REGISTERED, RIGID};
 use super::motion::{Helix, Motion};
 use super::published::WINDOW_S;
 use super::scoring::Score;
@@ -38,8 +38,9 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     let cells = context.jobs("point registration", jobs.len(), |k| one(context, path, jobs[k]))?;
     table.set("path", format!("helix of 36 s, {windows} windows of 50 ms per seed"));
     table.set("simulator", Source::MODE);
-    table.set("lines", format!("at most {BUDGET} for each tracker, all for `{FILTERED}`"));
+    table.set("lines", format!("at most {BUDGET} for `fcm` and `rigid`, all for the mixtures"));
     table.set("motion prior", MotionPrior::SLOW.in_words());
+    table.note(case::LATE);
     for (case, (_, _, what)) in CASES.iter().enumerate() {
         let of_case: Vec<&Led> =
             jobs.iter().zip(&cells).filter(|((c, _), _)| *c == case).map(|(_, led)| led).collect();

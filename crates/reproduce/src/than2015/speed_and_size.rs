@@ -41,8 +41,9 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     table.set("path", "helix of 36 s, at one to eight times its speed, windows of 50 ms");
     table.set("scanner", "full ring, crystal centres as ends of lines");
     table.set("simulator", Source::MODE);
-    table.set("lines", format!("at most {budget} for each tracker, all for `{FILTERED}`"));
+    table.set("lines", format!("at most {budget} for `fcm` and `rigid`, all for the mixtures"));
     table.set("motion prior", MotionPrior::SLOW.in_words());
+    table.note(case::LATE);
     table.note("the source shows curves; what it states of them in words is judged: never lost, more error with size than with speed");
     for body in 0..BODIES.len() {
         for times in TIMES {

@@ -115,8 +115,9 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     table.set("scanner", format!("reduced, its middle at z = {:.0} mm of the torso", 1e3 * middle_z_m));
     table.set("activity", format!("3 x {} MBq", TORSO.activity_mbq));
     table.set("simulator", Source::MODE);
-    table.set("lines", format!("at most {BUDGET} for each tracker, all for `{FILTERED}`"));
+    table.set("lines", format!("at most {BUDGET} for `fcm` and `rigid`, all for the mixtures"));
     table.set("motion prior", MotionPrior::SLOW.in_words());
+    table.note(case::LATE);
     rows(&mut table, &runs);
     table.figures.push(case::distribution("", &runs)?);
     Ok(table)

@@ -52,10 +52,10 @@ const LINES_PER_FREEDOM: usize = 2;
 pub const FIRST_BACKGROUND: f64 = 0.1;
 /// Lines that pass the outermost marker at less than 5 mm plus this are looked at, m: beyond, one true line in a hundred.
 const MARGIN_M: f64 = 0.015;
-/// Least gain of a pose over background alone, log-likelihood. Twice the gain of a pose that is followed through a window of mere
-/// background follows chi-square with 6 degrees of freedom; 14 is exceeded once in ten thousand. A search takes the best of some 30³ places
-/// and 60 attitudes that it can tell apart: 28 is exceeded once in a thousand searches. A true line gains 2 to 3.
-const FOLLOWED_GAIN: f64 = 14.0;
+/// Least gain of a pose over background alone, log-likelihood. A rule of thumb, for a mixture against background alone is not a regular
+/// test: half of what chi-square with 6 degrees of freedom exceeds once in ten thousand, and, for a search, once in 10⁹ (30³ places and 60
+/// attitudes that it can tell apart, one false alarm in a thousand searches). A true line gains 2 to 3.
+pub(crate) const FOLLOWED_GAIN: f64 = 14.0;
 const SEARCHED_GAIN: f64 = 28.0;
 /// A pose that is searched for explains at least this share of all lines, and this share of those that pass near: of 47 to 82 per cent
 /// true lines (than2015 table 4.2) nearly all pass near, of the others a fifth, so the capsule owns four of five lines there. A
@@ -172,7 +172,8 @@ impl Mixture {
             by_centroid?;
         }
         self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        self.unambiguous(lines.len())
+        let looked_at = self.budget().map_or(lines.len(), |most| most.min(lines.len()));
+        self.unambiguous(looked_at)
     }
 
     /// Climbs from all candidates of a search in `self.window`; the tops are added to `self.tops`.
@@ -208,7 +209,7 @@ impl Mixture {
         self.follow(lines, &found?.pose, Vector3::zeros(), None)
     }
 
-    /// The best top of a search among `given` lines, if it explains enough of them, and no other place does nearly as well.
+    /// The best top of a search that looked at `given` lines, if it explains enough of them, and no other place does nearly as well.
     fn unambiguous(&self, given: usize) -> Result<Top, Failure> {
         let Some(best) = self.tops.first() else { return Err(Failure::Indefinite) };
         let share = (LEAST_TRUE_SHARE * given as f64).max(LEAST_NEAR_SHARE * best.near as f64);
@@ -242,11 +243,10 @@ impl Mixture {
         velocity_world_m_s: Vector3<f64>,
         prior: Option<&NormalPrior>,
     ) -> Result<Top, Failure> {
-        let at_s = if lines.is_empty() {
-            0.0
-        } else {
-            lines.iter().map(|l| l.t_s).sum::<f64>() / lines.len() as f64
-        };
+        // Lines spread evenly over a window: their mean is its middle.
+        let times = lines.iter().map(|l| l.t_s).filter(|t| t.is_finite());
+        let (sum, count) = times.fold((0.0, 0_usize), |(sum, count), t| (sum + t, count + 1));
+        let at_s = sum / count.max(1) as f64;
         let how = Preparation {
             about_world_m: self.place_of(start),
             velocity_world_m_s,
@@ -479,6 +479,10 @@ impl Tracker for Mixture {
         let located = self.locate(lines, prior);
         let done = located.and_then(|(top, why)| {
             self.answer(&top, prior, out)?;
+            if why.is_some() {
+                // A pose that was searched for holds nothing of the prior.
+                out.prior_use = PriorUse::None;
+            }
             out.reinitialized = why;
             Ok(top)
         });

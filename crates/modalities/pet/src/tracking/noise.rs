@@ -38,8 +38,9 @@ pub const ACOLLINEARITY_FWHM_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// pass at 20, 33, 53, 74, 91 mm (10 to 90 per cent, reduced scanner) or further (full ring), so their density over 30 mm varies
 /// by a tenth; 99 of 100 true lines pass within 20 mm of the triangle's centroid.
 pub const BACKGROUND_RADIUS_M: f64 = 0.030;
-/// Share of the background lines that pass within [`BACKGROUND_RADIUS_M`] of the markers: between the quantiles above.
-pub const BACKGROUND_NEAR: f64 = 0.18;
+/// Share of the background lines that pass within [`BACKGROUND_RADIUS_M`] of the markers, reduced scanner: even density between the
+/// quantiles above, and Rayleigh's law of 45 mm. On a full ring it is smaller.
+pub const BACKGROUND_NEAR: f64 = 0.20;
 /// Variance per axis that Na-22's positron range and a core of 0.25 to 0.5 mm add, m²: reference A.
 pub const SODIUM_SOURCE_VARIANCE_M2: f64 = 0.12e-6;
 

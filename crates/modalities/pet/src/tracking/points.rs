@@ -94,6 +94,8 @@ struct Top {
     lines: f64,
     /// Log-likelihood less that of background alone.
     gain: f64,
+    /// Whether the steps came to rest.
+    converged: bool,
 }
 
 impl Points {
@@ -183,6 +185,7 @@ impl Points {
         let mut at = *start;
         let mut here = self.evaluate(&at);
         let mut damping = 0.0;
+        let mut converged = false;
         for _ in 0..STEPS {
             let gradient = here.gradient.fixed_rows::<3>(0).into_owned();
             let floor = FLOOR_PER_LINE * here.effective_lines().max(1.0);
@@ -190,7 +193,9 @@ impl Points {
             let there = self.evaluate(&(at + step));
             if there.log_likelihood < here.log_likelihood {
                 damping = f64::max(4.0 * damping, 0.1);
-                if step.norm() < REST_M {
+                // What is lost by so short a step is rounding.
+                converged = step.norm() < REST_M;
+                if converged {
                     break;
                 }
                 continue;
@@ -202,12 +207,19 @@ impl Points {
             let moved = (background - self.weights.background).abs();
             self.weights.background = background;
             here = self.evaluate(&at);
-            if step.norm() < REST_M && moved < 1e-4 {
+            converged = step.norm() < REST_M && moved < 1e-4;
+            if converged {
                 break;
             }
         }
         let gain = here.log_likelihood - near * self.window.background_per_m2.ln();
-        Ok(Top { at_m: at, information: position_block(&here), lines: here.effective_lines(), gain })
+        Ok(Top {
+            at_m: at,
+            information: position_block(&here),
+            lines: here.effective_lines(),
+            gain,
+            converged,
+        })
     }
 
     fn evaluate(&mut self, at_m: &Vector3<f64>) -> Evaluation {
@@ -225,6 +237,9 @@ impl Points {
         let needed = if searched { SEARCHED_GAIN } else { FOLLOWED_GAIN };
         if !(top.gain >= needed) {
             return Err(Failure::NoEvidence { gain: top.gain, needed });
+        }
+        if !top.converged {
+            return Err(Failure::NotConverged { steps: STEPS });
         }
         let covariance_m2 = top.information.cholesky().ok_or(Failure::Indefinite)?.inverse();
         let largest = covariance_m2.symmetric_eigenvalues().max().sqrt();
@@ -271,7 +286,7 @@ impl Points {
         }
     }
 
-    /// A line belongs to the point that it passes nearest, within three standard deviations of its noise there; else to none.
+    /// A line belongs to the point that it passes nearest, within three times [`PASSING_M`]; else to none.
     fn roles(&self, lines: &[Line], found: &[Result<TrackedPoint, Failure>]) -> Vec<Role> {
         let one = |line: &Line| {
             if !is_usable(line) {
