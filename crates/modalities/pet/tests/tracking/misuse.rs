@@ -1,9 +1,15 @@
 //! What no tracker may turn into a pose. (Lines carry no labels: [`law_a_line_tells_nothing_but_when_and_where`].)
 
 use super::support::{Ends, Generator, helix, noise_of, scanner, triangle};
+use lumenav_core::time::nanoseconds;
+use lumenav_core::{FixKind, FrontEnd, Outcome, PoseEstimate, PosePrior, Reading, SimTime};
 use lumenav_pet::Line;
+use lumenav_pet::config::Output;
+use lumenav_pet::front_end::PetFrontEnd;
+use lumenav_pet::model::LinesModel;
 use lumenav_pet::tracking::{
-    BlockNoise, ClassicOptions, Failure, Fcm, Mixture, MixtureOptions, Rigid, Tracker,
+    BlockNoise, Budget, ClassicOptions, Failure, Fcm, Likelihood, Mixture, MixtureOptions, Rigid, Tracker,
+    Weights,
 };
 use nalgebra::Vector3;
 
@@ -81,4 +87,59 @@ fn law_a_known_capsule_that_leaves_is_reported_lost() {
             assert!(answer.is_err(), "{} window {w}: {answer:?}", tracker.name());
         }
     }
+}
+
+/// Lines handed to a filter that knows the pose: a window of background must not be taken for a measurement of it.
+#[test]
+fn law_background_is_not_handed_to_a_filter_as_lines_of_the_capsule() {
+    let (set, scanner) = (triangle(), scanner("reduced"));
+    let noise = std::sync::Arc::new(noise_of(&scanner));
+    let tracker = Box::new(Mixture::new(&set, (*noise).clone(), MixtureOptions::default()));
+    let model = LinesModel {
+        likelihood: std::sync::Arc::new(Likelihood::new(set.positions_capsule_m())),
+        noise,
+        window: std::sync::Arc::default(),
+        weights: Weights { shares: vec![1.0 / 3.0; 3], background: 0.1 },
+    };
+    let mut front_end = PetFrontEnd::new("scanner".into(), set, Output::Lines, tracker, model);
+    let mut generator = generator(31);
+    let mut handed = [0, 0];
+    for w in 0..220_u64 {
+        let start_s = 0.05 * w as f64;
+        let trues = if w < 20 { 233 } else { 0 };
+        let (lines, _) = generator.window(&|t| helix(t, 1.0), start_s, trues, 284 - trues);
+        let (start, end) = (SimTime(nanoseconds(start_s)), SimTime(nanoseconds(start_s + 0.05)));
+        let reading = Reading {
+            sensor: "scanner".into(),
+            sequence: w,
+            interval: (start, end),
+            arrival: end,
+            known_poses: std::collections::BTreeMap::new(),
+            payload: lumenav_pet::payload::frame(&lines).unwrap(),
+        };
+        let pose = PoseEstimate {
+            world_from_capsule: helix(start_s + 0.025, 1.0),
+            covariance: nalgebra::Matrix6::identity() * 1e-6,
+            kind: FixKind::Full,
+        };
+        let prior = PosePrior { at: reading.at(), pose, velocity_world_m_s: None };
+        let outcome = front_end.process(&reading, Some(&prior)).unwrap();
+        handed[usize::from(w >= 20)] += usize::from(matches!(outcome, Outcome::Measured(_)));
+    }
+    // All twenty real windows enter; of two hundred without the capsule at most one in a hundred does.
+    assert!(handed[0] == 20 && handed[1] <= 2, "{handed:?}");
+}
+
+/// A budget limits what is looked at, not what a first pose must explain.
+#[test]
+fn law_a_budget_of_lines_does_not_hinder_the_first_pose() {
+    let set = triangle();
+    let ring = scanner("allegro");
+    let options = MixtureOptions { budget: Budget::AtMost(210), ..MixtureOptions::default() };
+    let mut tracker = Mixture::new(&set, noise_of(&ring), options);
+    let mut generator = Generator::new(ring, Ends::Law(BlockNoise::reference()), set, 2);
+    let (lines, _) = generator.window(&|t| helix(t, 1.0), 0.0, 1760, 650);
+    let tracked = tracker.track(&lines, None).unwrap();
+    let off = tracked.world_from_capsule.translation.vector - helix(0.025, 1.0).translation.vector;
+    assert!(off.norm() < 3e-3 && tracked.used_lines == 210, "{off} {}", tracked.used_lines);
 }
