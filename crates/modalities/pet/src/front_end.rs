@@ -29,7 +29,7 @@ use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
 use crate::tracking::points::Points;
 use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
-use crate::tracking::{Failure, Memory, Prior, Reinitialized, Tracked, Tracker};
+use crate::tracking::{Failure, Memory, Prior, Reinitialized, Tracked, Tracker, rewind};
 use lumenav_core::fix::FixModel;
 use lumenav_core::pose::ominus;
 use lumenav_core::{
@@ -94,11 +94,10 @@ impl PetFrontEnd {
         }
     }
 
-    /// Forgets all windows and keeps the last window's pose alone, as a place to start from: earlier windows, which said too little
-    /// for a first pose, can then be answered.
-    pub fn rewind(&mut self) {
-        let world_from_capsule = Some(self.tracked.world_from_capsule);
-        self.tracker.recall(Memory { world_from_capsule, ..Memory::default() });
+    /// Goes back in time: from the last window's pose the tracker follows `earlier` windows (which said too little for a first pose)
+    /// from the last to the first, and keeps the first one's pose alone, as a place to start from.
+    pub fn rewind<'w>(&mut self, earlier: impl DoubleEndedIterator<Item = &'w [Line]>) {
+        rewind(self.tracker.as_mut(), &self.tracked.world_from_capsule, earlier);
         self.insisting = 0;
     }
 

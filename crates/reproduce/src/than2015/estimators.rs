@@ -15,6 +15,7 @@ use lumenav_core::config::quantity::NonNegative;
 use lumenav_core::time::nanoseconds;
 use lumenav_core::{FrontEnd, MotionModel, Name, Outcome, PublishedEstimate, Reading, SimTime};
 use lumenav_fusion::{Eskf, EskfOptions, Filter, Verdict};
+use lumenav_pet::Line;
 use lumenav_pet::config::Output;
 use lumenav_pet::front_end::PetFrontEnd;
 use lumenav_pet::model::LinesModel;
@@ -212,8 +213,8 @@ impl Follower for WithFilter {
         Ok(Some(Followed { markers_world_m, shares: Vec::new() }))
     }
 
-    fn rewind(&mut self) {
-        self.front_end.rewind();
+    fn rewind(&mut self, windows: &[&[Line]]) {
+        self.front_end.rewind(windows.iter().copied());
         self.filter = Eskf::new(self.options.clone(), Vec::new());
     }
 }

@@ -4,15 +4,15 @@
 //! takes no more memory than one window.
 //!
 //! An estimator that cannot say where the capsule is in the first windows (few lines leave several attitudes open) is *held*: up to
-//! [`MOST_HELD`] windows wait for its first pose and are then answered in order, starting from it. They are counted as answered late;
-//! what is not found by then has failed.
+//! [`MOST_HELD`] windows wait for its first pose, are followed back from it, and are then answered in order. They are counted as answered
+//! late; what is not found by then has failed.
 
 use super::motion::Motion;
 use super::scoring::{Score, placed};
 use crate::ReproduceError;
 use lumenav_pet::Line;
 use lumenav_pet::tracking::mixture::STACK;
-use lumenav_pet::tracking::{Memory, Tracked, Tracker};
+use lumenav_pet::tracking::{Tracked, Tracker, rewind};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 
@@ -49,8 +49,9 @@ pub trait Follower: Send {
     /// Something that is no matter of the window.
     fn follow(&mut self, window: &Window<'_>) -> Result<Option<Followed>, ReproduceError>;
 
-    /// Goes back to before the first window and keeps the pose given last alone, as a place to start from.
-    fn rewind(&mut self);
+    /// Follows windows (in order of time, the last of them answered already) from the last to the first and keeps the first one's pose
+    /// alone, as a place to start from.
+    fn rewind(&mut self, windows: &[&[Line]]);
 }
 
 /// Windows before the first pose that are answered late: with the one that brought it, the five that a first pose is found on.
@@ -104,9 +105,8 @@ impl Follower for Alone {
         Ok(Some(Followed { markers_world_m, shares: self.tracked.shares.clone() }))
     }
 
-    fn rewind(&mut self) {
-        let world_from_capsule = Some(self.tracked.world_from_capsule);
-        self.tracker.recall(Memory { world_from_capsule, ..Memory::default() });
+    fn rewind(&mut self, windows: &[&[Line]]) {
+        rewind(self.tracker.as_mut(), &self.tracked.world_from_capsule, windows.iter().copied());
     }
 }
 
@@ -156,7 +156,7 @@ impl Fares {
         Ok(())
     }
 
-    /// The first pose is there: the windows that waited for it are answered in order, this one last.
+    /// The first pose is there: the windows that waited for it are answered in order, the one that brought it last.
     fn answer_held(
         &mut self,
         follower: &mut dyn Follower,
@@ -169,7 +169,7 @@ impl Fares {
             return Ok(());
         }
         self.score.answered_late += held.len() - 1;
-        follower.rewind();
+        follower.rewind(&held.iter().map(|window| window.lines.as_slice()).collect::<Vec<_>>());
         for HeldWindow { sequence, start_s, lines, truth } in held {
             let followed = follower.follow(&Window { sequence, start_s, duration_s, lines: &lines })?;
             self.push(followed.as_ref(), &truth);
@@ -248,7 +248,7 @@ mod tests {
             Ok((!window.lines.is_empty()).then_some(followed))
         }
 
-        fn rewind(&mut self) {}
+        fn rewind(&mut self, _windows: &[&[Line]]) {}
     }
 
     /// Gives its first pose in window `from`, and knows everything once it was rewound.
@@ -268,7 +268,7 @@ mod tests {
             Ok((self.rewound || window.sequence >= self.from).then_some(followed))
         }
 
-        fn rewind(&mut self) {
+        fn rewind(&mut self, _windows: &[&[Line]]) {
             self.rewound = true;
         }
     }
