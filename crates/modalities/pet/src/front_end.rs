@@ -29,7 +29,7 @@ use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
 use crate::tracking::points::Points;
 use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
-use crate::tracking::{Failure, Memory, Prior, Reinitialized, Tracked, Tracker, rewind};
+use crate::tracking::{Failure, Memory, Prior, Reinitialized, Tracked, Tracker};
 use lumenav_core::fix::FixModel;
 use lumenav_core::pose::ominus;
 use lumenav_core::{
@@ -94,11 +94,11 @@ impl PetFrontEnd {
         }
     }
 
-    /// Goes back in time: from the last window's pose the tracker follows `earlier` windows (which said too little for a first pose)
-    /// from the last to the first, and keeps the first one's pose alone, as a place to start from.
-    pub fn rewind<'w>(&mut self, earlier: impl DoubleEndedIterator<Item = &'w [Line]>) {
-        rewind(self.tracker.as_mut(), &self.tracked.world_from_capsule, earlier);
-        self.insisting = 0;
+    /// Where the capsule was so many seconds before the last window, by the velocity that a first pose from several windows came with:
+    /// the late answer to windows that said too little by themselves.
+    pub fn earlier(&self, seconds: f64) -> Isometry3<f64> {
+        let velocity = self.tracker.memory().start_velocity_world_m_s.unwrap_or_default();
+        nalgebra::Translation3::from(-velocity * seconds) * self.tracked.world_from_capsule
     }
 
     /// What a pose of these markers can claim.
@@ -308,6 +308,7 @@ fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Bo
                 budget: most.map_or(Budget::All, Budget::AtMost),
                 test_permutations: options.predict_failures,
                 estimate_markers: options.estimate_markers,
+                start_windows: options.start_windows as usize,
                 ..MixtureOptions::default()
             };
             Box::new(Mixture::new(markers, noise.clone(), mixture))

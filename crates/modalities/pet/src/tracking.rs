@@ -224,6 +224,8 @@ pub struct Memory {
     pub mean_log_likelihoods: Vec<f64>,
     /// Marker positions in the capsule's frame as estimated so far; `None` where they are not estimated.
     pub marker_estimate: Option<estimate_markers::MarkerEstimate>,
+    /// Velocity that a first pose from several windows came with, m/s (`mixture`).
+    pub start_velocity_world_m_s: Option<Vector3<f64>>,
     /// The last windows: their lines and the pose given for each.
     pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
 }
