@@ -3,7 +3,7 @@
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
 use lumenav::evaluation::plausibility::SpeedFigures;
-use lumenav::report::{Metrics, PairDistance, Timing, TrackMetrics, Trials};
+use lumenav::report::{Metrics, PairDistance, PeriodFigures, Timing, TrackMetrics, Trials};
 use lumenav::reproduce;
 
 fn number(value: Option<f64>, digits: usize) -> String {
@@ -98,10 +98,28 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
             text = format!("{text}\n{name}: {line}");
         }
     }
+    for (name, track) in &metrics.tracks {
+        for (period, figures) in &track.periods {
+            text = format!("{text}\n{name}, {period}: {}", of_period(figures));
+        }
+    }
     for line in expectations(metrics) {
         text = format!("{text}\n{line}");
     }
     text
+}
+
+/// The errors of a stretch of the run, in words.
+fn of_period(period: &PeriodFigures) -> String {
+    let when = format!("{} to {} s", period.from_s, period.to_s);
+    let available = period.availability.map_or(f64::NAN, |share| 100.0 * share);
+    match &period.position_error_mm {
+        Some(error) => format!(
+            "{when}: mean {:.3}, p95 {:.3}, max {:.3} mm, available {available:.1} %",
+            error.mean, error.p95, error.max
+        ),
+        None => format!("{when}: no estimate"),
+    }
 }
 
 /// What the scenario expects of the motion, in words.
@@ -180,6 +198,18 @@ pub fn of_trials(trials: &Trials) -> String {
     for (name, t) in &trials.tracks {
         if let Some(verdict) = &t.verdict {
             text = format!("{text}\n{name}: {verdict}");
+        }
+    }
+    for (name, track) in &trials.tracks {
+        for (period, t) in &track.periods {
+            text = format!(
+                "{text}\n{name}, {period}: mean {} mm, p95 {} mm (worst trial {}), worst {} mm, available {}",
+                with_interval(&t.mean_error_mm),
+                with_interval(&t.p95_mm),
+                number(t.worst_p95_mm, 3),
+                number(t.worst_mm, 3),
+                t.availability.map_or_else(dash, |a| format!("{} ({})", percent(a.mean), percent(a.worst))),
+            );
         }
     }
     for pair in &trials.comparisons {

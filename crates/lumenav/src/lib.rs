@@ -51,7 +51,7 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// All modalities that lumenav ships. A program of your own adds its plugin with [`Registry::with`].
 pub fn default_registry() -> Registry {
-    Registry::new().with(lumenav_magnetic::Magnetic).with(lumenav_pet::Pet)
+    Registry::new().with(lumenav_magnetic::Magnetic).with(lumenav_pet::Pet::default())
 }
 
 /// The models folder: as given, else `LUMENAV_MODELS`, else the nearest `models` beside or above `file`, else `models` in the

@@ -132,6 +132,7 @@ pub fn header(file: &ScenarioFile, seed: u64, trial: u64, has_truth: bool) -> Re
         capsule: file.body,
         has_truth,
         expect: file.expect.clone(),
+        periods: file.periods.clone(),
         scenario_toml: file.node.to_toml().map(|t| t.to_string()).unwrap_or_default(),
     })
 }

@@ -7,7 +7,7 @@
 use lumenav_core::{
     CapsuleBody, CapsuleTruth, Frame, Measurement, Name, Primitive, PublishedEstimate, Reading, SimTime,
 };
-pub use lumenav_scenario::file::{DistanceTable, ExpectTable};
+pub use lumenav_scenario::file::{DistanceTable, ExpectTable, PeriodTable};
 use nalgebra::Vector3;
 
 /// What is known before the first event.
@@ -31,6 +31,8 @@ pub struct RunHeader {
     pub has_truth: bool,
     /// What is known of the motion without a truth.
     pub expect: ExpectTable,
+    /// Stretches of the run that are judged by themselves as well.
+    pub periods: Vec<PeriodTable>,
     /// The scenario file as it was run, overrides applied.
     pub scenario_toml: String,
 }

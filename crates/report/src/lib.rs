@@ -42,15 +42,15 @@ pub use manifest::{FileEntry, Machine, Manifest, Provenance, fingerprint, read_j
 pub use mcap::write_mcap;
 pub use metrics::{
     AxisError, DRIFT_SPAN_M, Expectations, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures,
-    PairDistance, PerAxis, RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
+    PairDistance, PerAxis, PeriodFigures, RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
 };
 pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
 pub use timing::{Timing, TimingObserver, TrackTiming};
 pub use tracks::{TRACKS_SCHEMA_VERSION, TracksInfo, TracksObserver, for_each_track_row, read_tracks};
 pub use trials::{
-    Availability, Instants, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, Trials, TrialsCollector,
-    TrialsOfTrack, write_trials,
+    Availability, Instants, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, PeriodOverTrials, Trials,
+    TrialsCollector, TrialsOfTrack, write_trials,
 };
 pub use truth::{TruthObserver, read_arc_length};
 pub use tum::{StampedPose, TumObserver, write_kitti, write_tum};

@@ -23,7 +23,7 @@ use lumenav_evaluation::consistency::verdict::Verdict;
 use lumenav_evaluation::displacement::{DisplacementErrors, Span};
 use lumenav_evaluation::plausibility::{DistanceCheck, DistanceFigures, SpeedCheck, SpeedFigures};
 use lumenav_evaluation::summary::{Quantiles, ScalarSummary};
-use lumenav_pipeline::events::DistanceTable;
+use lumenav_pipeline::events::{DistanceTable, PeriodTable};
 use lumenav_pipeline::{ObserverError, Refusal, RunEvent, RunHeader, RunObserver, TrackUpdate};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -133,6 +133,26 @@ pub struct TrackMetrics {
     pub latency_ms: Option<ScalarSummary>,
     /// When the first estimate was available.
     pub time_to_first_fix_s: Option<f64>,
+    /// The same over stretches of the run that the scenario names (`[[period]]`).
+    #[serde(default)]
+    pub periods: BTreeMap<String, PeriodFigures>,
+}
+
+/// Errors over a stretch of the run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PeriodFigures {
+    /// Its first instant, s.
+    pub from_s: f64,
+    /// Its end, s.
+    pub to_s: f64,
+    /// Estimates about instants in it that were judged.
+    pub judged: u64,
+    /// Share of its time with an estimate that is at most one second old, 0 to 1.
+    pub availability: Option<f64>,
+    /// Norm of the position error.
+    pub position_error_mm: Option<ScalarSummary>,
+    /// Angle between estimated and true x axis.
+    pub heading_error_deg: Option<ScalarSummary>,
 }
 
 /// Error figures along the world's axes.
@@ -177,6 +197,40 @@ pub struct NeesFigures {
     pub inside_95: f64,
 }
 
+/// Collects the figures of one track over a stretch of the run.
+struct PeriodCollector {
+    period: PeriodTable,
+    position_mm: Quantiles,
+    heading_deg: BoundedQuantiles,
+    judged: u64,
+    instants: u64,
+    instants_fresh: u64,
+}
+
+impl PeriodCollector {
+    fn new(period: &PeriodTable) -> Self {
+        Self {
+            period: period.clone(),
+            position_mm: Quantiles::new(),
+            heading_deg: BoundedQuantiles::new(),
+            judged: 0,
+            instants: 0,
+            instants_fresh: 0,
+        }
+    }
+
+    fn figures(&mut self) -> PeriodFigures {
+        PeriodFigures {
+            from_s: self.period.from_s.0,
+            to_s: self.period.to_s.0,
+            judged: self.judged,
+            availability: (self.instants > 0).then(|| self.instants_fresh as f64 / self.instants as f64),
+            position_error_mm: self.position_mm.summary(),
+            heading_error_deg: self.heading_deg.summary(),
+        }
+    }
+}
+
 /// Collects the figures of one track.
 struct Collector {
     position_mm: Quantiles,
@@ -200,10 +254,11 @@ struct Collector {
     first_available: Option<SimTime>,
     instants: u64,
     instants_fresh: u64,
+    periods: Vec<PeriodCollector>,
 }
 
 impl Collector {
-    fn new() -> Self {
+    fn new(periods: &[PeriodTable]) -> Self {
         Self {
             position_mm: Quantiles::new(),
             heading_deg: BoundedQuantiles::new(),
@@ -226,6 +281,7 @@ impl Collector {
             first_available: None,
             instants: 0,
             instants_fresh: 0,
+            periods: periods.iter().map(PeriodCollector::new).collect(),
         }
     }
 
@@ -260,6 +316,12 @@ impl Collector {
             }
         }
         self.heading_deg.extend(error.heading_rad.map(f64::to_degrees));
+        let at_s = estimate.at.seconds();
+        for period in self.periods.iter_mut().filter(|p| p.period.contains(at_s)) {
+            period.judged += 1;
+            period.position_mm.push(mm.norm());
+            period.heading_deg.extend(error.heading_rad.map(f64::to_degrees));
+        }
         self.attitude_deg.extend(error.attitude_rad.map(f64::to_degrees));
         self.along_tract_mm.extend(error.along_tract_m.map(|m| 1e3 * m.abs()));
         if let Some(bound_m2) = error.bound_position_m2 {
@@ -305,8 +367,13 @@ impl Collector {
 
     /// An instant at which the track should know where the capsule is.
     fn instant(&mut self, at: SimTime) {
+        let fresh = u64::from(self.last_estimate.is_some_and(|last| at.since_s(last) <= FRESH_S));
         self.instants += 1;
-        self.instants_fresh += u64::from(self.last_estimate.is_some_and(|last| at.since_s(last) <= FRESH_S));
+        self.instants_fresh += fresh;
+        for period in self.periods.iter_mut().filter(|p| p.period.contains(at.seconds())) {
+            period.instants += 1;
+            period.instants_fresh += fresh;
+        }
     }
 
     /// The NEES of the degrees of freedom that most updates had.
@@ -349,6 +416,7 @@ impl Collector {
             rms_of_error_over_bound: self.efficiency.efficiency().map(|e| e.rms_of_ratios),
             latency_ms: self.latency_ms.summary(),
             time_to_first_fix_s: self.first_available.map(SimTime::seconds),
+            periods: self.periods.iter_mut().map(|p| (p.period.name.clone(), p.figures())).collect(),
         }
     }
 }
@@ -529,7 +597,8 @@ impl MetricsObserver {
 
 impl RunObserver for MetricsObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
-        self.tracks = header.tracks.iter().map(|track| (track.name.clone(), Collector::new())).collect();
+        self.tracks =
+            header.tracks.iter().map(|track| (track.name.clone(), Collector::new(&header.periods))).collect();
         self.sensors = header.sensors.iter().map(|s| (s.name.clone(), SensorMetrics::default())).collect();
         self.plausibility = Plausibility::new(header);
         self.header = Some(header.clone());

@@ -63,6 +63,26 @@ pub struct TrialsOfTrack {
     pub nees: Option<NeesOverTrials>,
     /// `consistent`, `overconfident: …` or `cautious: …` by the test across runs.
     pub verdict: Option<Verdict>,
+    /// Stretches of the run that the scenario names (`[[period]]`).
+    #[serde(default)]
+    pub periods: BTreeMap<String, PeriodOverTrials>,
+}
+
+/// One stretch of the run over trials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PeriodOverTrials {
+    /// Trials with an estimate to judge in it.
+    pub trials: u64,
+    /// Mean position error of a trial.
+    pub mean_error_mm: Option<MeanInterval>,
+    /// The p95 of a trial's position errors.
+    pub p95_mm: Option<MeanInterval>,
+    /// The largest p95 of a trial.
+    pub worst_p95_mm: Option<f64>,
+    /// Largest position error of all.
+    pub worst_mm: Option<f64>,
+    /// Mean availability, 0 to 1, and the worst trial's.
+    pub availability: Option<Availability>,
 }
 
 /// Share of the time with a fresh estimate.
@@ -122,6 +142,13 @@ struct Collected {
     errors: BTreeMap<Trial, ScalarSummary>,
     availability: Vec<f64>,
     nees: Option<NeesAcrossRuns>,
+    periods: BTreeMap<String, CollectedPeriod>,
+}
+
+#[derive(Default)]
+struct CollectedPeriod {
+    errors: Vec<ScalarSummary>,
+    availability: Vec<f64>,
 }
 
 /// Seed and number of a trial.
@@ -295,6 +322,11 @@ impl Collected {
             self.errors.insert(trial, error);
         }
         self.availability.extend(figures.availability);
+        for (name, figures) in &figures.periods {
+            let period = self.periods.entry(name.clone()).or_default();
+            period.errors.extend(figures.position_error_mm);
+            period.availability.extend(figures.availability);
+        }
     }
 
     fn take_nees(&mut self, rows: &[Judged]) -> Result<(), EvaluationError> {
@@ -321,21 +353,44 @@ impl Collected {
             None | Some((_, Err(EvaluationError::TooFew { .. }))) => None,
             Some((_, Err(error))) => return Err(error),
         };
-        let n = self.availability.len() as f64;
-        let availability = (!self.availability.is_empty()).then(|| Availability {
-            mean: self.availability.iter().sum::<f64>() / n,
-            worst: self.availability.iter().copied().fold(1.0, f64::min),
-        });
+        let mut periods = BTreeMap::new();
+        for (name, period) in &self.periods {
+            periods.insert(name.clone(), period.figures(interval)?);
+        }
         Ok(TrialsOfTrack {
             trials: self.errors.len() as u64,
             mean_error_mm: interval(all(|e| e.mean))?,
             rmse_mm: interval(all(|e| e.rmse))?,
             worst_mm: all(|e| e.max).into_iter().reduce(f64::max),
-            availability,
+            availability: availability(&self.availability),
             verdict: nees.as_ref().map(|nees| Verdict::of_runs(&nees.across)),
             nees,
+            periods,
         })
     }
+}
+
+impl CollectedPeriod {
+    fn figures(
+        &self,
+        interval: &mut impl FnMut(Vec<f64>) -> Result<Option<MeanInterval>, EvaluationError>,
+    ) -> Result<PeriodOverTrials, EvaluationError> {
+        let all = |f: fn(&ScalarSummary) -> f64| -> Vec<f64> { self.errors.iter().map(f).collect() };
+        Ok(PeriodOverTrials {
+            trials: self.errors.len() as u64,
+            mean_error_mm: interval(all(|e| e.mean))?,
+            p95_mm: interval(all(|e| e.p95))?,
+            worst_p95_mm: all(|e| e.p95).into_iter().reduce(f64::max),
+            worst_mm: all(|e| e.max).into_iter().reduce(f64::max),
+            availability: availability(&self.availability),
+        })
+    }
+}
+
+fn availability(of_trials: &[f64]) -> Option<Availability> {
+    let mean = of_trials.iter().sum::<f64>() / of_trials.len() as f64;
+    let worst = of_trials.iter().copied().reduce(f64::min)?;
+    Some(Availability { mean, worst })
 }
 
 /// Writes `trials.json` into a folder, whole or not at all.

@@ -5,14 +5,16 @@
 #[path = "../../pipeline/tests/synthetic/mod.rs"]
 mod synthetic;
 
+use lumenav_core::config::quantity::{NonNegative, Positive};
 use lumenav_core::frame::ColumnKind;
 use lumenav_core::{Column, ColumnSpec, Frame, Reading, Rows, Schema, SimTime};
-use lumenav_pipeline::{RunEvent, RunObserver};
+use lumenav_pipeline::events::PeriodTable;
+use lumenav_pipeline::{ObserverError, RunEvent, RunHeader, RunObserver};
 use lumenav_records::tum;
 use lumenav_report::{
-    Logged, Manifest, Metrics, Provenance, ReadingsObserver, ReportError, RunFolder, RunWriter, StampedPose,
-    Timing, TruthObserver, WriterOptions, read_events, read_json, read_tracks, write_csv, write_kitti,
-    write_tum,
+    Logged, Manifest, Metrics, MetricsObserver, Provenance, ReadingsObserver, ReportError, RunFolder,
+    RunWriter, StampedPose, Timing, TruthObserver, WriterOptions, read_events, read_json, read_tracks,
+    write_csv, write_kitti, write_tum,
 };
 use nalgebra::Isometry3;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
@@ -438,4 +440,48 @@ fn law_a_failed_write_stops_the_run_and_names_the_file() {
     assert!(error.contains("cannot create ") && error.contains("events.jsonl"), "{error}");
     drop(writer);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// Puts periods into the header on its way to the metrics.
+struct WithPeriods(MetricsObserver);
+
+impl RunObserver for WithPeriods {
+    fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
+        let period = |name: &str, from_s: f64, to_s: f64| PeriodTable {
+            name: name.to_owned(),
+            from_s: NonNegative(from_s),
+            to_s: Positive(to_s),
+        };
+        let periods =
+            vec![period("early", 0.0, 12.0), period("late", 12.0, 99.0), period("never", 98.0, 99.0)];
+        self.0.start(&RunHeader { periods, ..header.clone() })
+    }
+
+    fn on(&mut self, event: &RunEvent<'_>) -> Result<(), ObserverError> {
+        self.0.on(event)
+    }
+
+    fn finish(&mut self) -> Result<(), ObserverError> {
+        self.0.finish()
+    }
+}
+
+#[test]
+fn closed_form_periods_add_up_to_the_run() {
+    let mut observer = WithPeriods(MetricsObserver::in_memory());
+    synthetic::play(&mut observer, 30.0, 10.0, &TRACKS).unwrap();
+    for track in observer.0.metrics().unwrap().tracks.values() {
+        let [early, late, never] = ["early", "late", "never"].map(|name| &track.periods[name]);
+        let all = track.position_error_mm.unwrap();
+        let (a, b) = (early.position_error_mm.unwrap(), late.position_error_mm.unwrap());
+        assert_eq!(early.judged + late.judged, track.judged);
+        assert!(early.judged > 100 && late.judged > early.judged);
+        let (n, m) = (early.judged as f64, late.judged as f64);
+        assert!(((n * a.mean + m * b.mean) / (n + m) - all.mean).abs() < 1e-12 * all.mean);
+        assert_eq!(a.max.max(b.max), all.max);
+        assert!(a.max != b.max);
+        assert_eq!((never.judged, never.position_error_mm, never.availability), (0, None, None));
+        let share = 0.4 * early.availability.unwrap() + 0.6 * late.availability.unwrap();
+        assert!((share - track.availability.unwrap()).abs() < 2e-3, "{share} {:?}", track.availability);
+    }
 }

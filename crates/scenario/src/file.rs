@@ -1,7 +1,8 @@
 //! The scenario file: one TOML that says what happens, what is installed, what is real, and who estimates.
 //!
 //! Tables: `[scenario]`, `[tract]`, `[capsule]`, `[motility]`, `[engine]`, `[truth]`, `[[sensor]]` (with `.schedule`,
-//! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[fault]]`, `[record]`, `[expect]`.
+//! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[fault]]`, `[record]`, `[expect]`,
+//! `[[period]]`.
 //! Every key has a default that makes sense, unknown keys are errors, and every error names file, line, key and what is
 //! allowed. The same reader serves replays: there `[[sensor]]` has `.files` instead of a schedule.
 
@@ -294,6 +295,25 @@ pub struct DistanceTable {
     pub tracks: [String; 2],
 }
 
+/// `[[period]]`: a stretch of the run whose errors are reported by themselves as well.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PeriodTable {
+    /// What it is called in `metrics.json`.
+    pub name: String,
+    /// Its first instant, s.
+    pub from_s: NonNegative,
+    /// Its end, s, which no longer belongs to it.
+    pub to_s: Positive,
+}
+
+impl PeriodTable {
+    /// Whether an instant, s, lies in it.
+    pub fn contains(&self, at_s: f64) -> bool {
+        (self.from_s.0..self.to_s.0).contains(&at_s)
+    }
+}
+
 /// A scenario or replay as read: typed where the framework decides, nodes where a plugin does.
 #[derive(Clone, Debug)]
 pub struct ScenarioFile {
@@ -317,6 +337,8 @@ pub struct ScenarioFile {
     pub record: RecordTable,
     /// `[expect]`.
     pub expect: ExpectTable,
+    /// Every `[[period]]`.
+    pub periods: Vec<PeriodTable>,
     /// Where models are found.
     pub models: ModelFolder,
     /// The file.
@@ -349,6 +371,8 @@ struct Outline {
     _record: Option<IgnoredAny>,
     #[serde(rename = "expect")]
     _expect: Option<IgnoredAny>,
+    #[serde(rename = "period")]
+    _period: Option<IgnoredAny>,
 }
 
 impl ScenarioFile {
@@ -389,6 +413,7 @@ impl ScenarioFile {
         check_range(&record_node, "truth_rate_hz", record.truth_rate_hz.0, 1e-6, 1e4)?;
         check_range(&record_node, "scene_rate_hz", record.scene_rate_hz.0, 1e-6, 1e4)?;
         let expect = read_expectations(&node, &tracks)?;
+        let periods = read_periods(&node, scenario.duration_s)?;
         Ok(Self {
             scenario,
             capsule,
@@ -400,10 +425,30 @@ impl ScenarioFile {
             faults,
             record,
             expect,
+            periods,
             models,
             node,
         })
     }
+}
+
+fn read_periods(node: &Node, duration_s: Option<Positive>) -> Result<Vec<PeriodTable>, ConfigError> {
+    let mut seen = BTreeSet::new();
+    let mut periods = Vec::new();
+    for entry in node.children("period")? {
+        let period: PeriodTable = entry.parse()?;
+        check_unique(&mut seen, &period.name, &entry)?;
+        if period.to_s.0 <= period.from_s.0 {
+            let message = format!("ends before it begins; give more than from_s = {}", period.from_s.0);
+            return Err(entry.error_at("to_s", &message));
+        }
+        if let Some(duration_s) = duration_s.filter(|duration_s| period.from_s.0 >= duration_s.0) {
+            let message = format!("begins after the end of the scenario; give less than {}", duration_s.0);
+            return Err(entry.error_at("from_s", &message));
+        }
+        periods.push(period);
+    }
+    Ok(periods)
 }
 
 fn read_expectations(node: &Node, tracks: &[TrackEntry]) -> Result<ExpectTable, ConfigError> {

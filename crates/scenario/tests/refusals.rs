@@ -50,6 +50,18 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
             "[[sensor]]\nname = \"a\"\nmodality = \"magnetic\"\n[sensor.schedule]\nrate_hz = 1e-12\nstart_s = 1",
             "s.toml:12:11: `sensor[0].schedule.rate_hz`",
         ),
+        (
+            "[[period]]\nname = \"a\"\nfrom_s = 3\nto_s = 3",
+            "s.toml:11:8: `period[0].to_s`: ends before it begins",
+        ),
+        (
+            "[[period]]\nname = \"a\"\nfrom_s = 5\nto_s = 9",
+            "s.toml:10:10: `period[0].from_s`: begins after the end",
+        ),
+        (
+            "[[period]]\nname = \"a b\"\nfrom_s = 1\nto_s = 9",
+            "s.toml:9:8: `period[0].name`: `a b` is not allowed",
+        ),
     ] {
         let error = build(&in_a_tube("pillcam-magnet", "5.0", more)).unwrap_err();
         assert!(error.starts_with(said), "{error}, wanted {said}");

@@ -7,6 +7,7 @@
 use crate::markers::{Marker, MarkerSet};
 use crate::scanner::Scanner;
 use crate::simulation::{EndPoints, Isotope, Mode, Scintillator};
+use crate::tracking::mixture::STACK;
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{ModalityError, Node, Setup};
@@ -85,6 +86,8 @@ pub struct OptionsTable {
     pub estimate_markers: bool,
     /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
     pub most_lines: Option<u32>,
+    /// Windows from which a first pose is taken together, 1 to 5 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
+    pub start_windows: u32,
     /// How many independent points there are (`points`).
     pub points: u32,
     /// Which of them this track follows, counted from 1 in the order in which they are found: by x, then y, then z (`points`).
@@ -105,6 +108,10 @@ impl OptionsTable {
             let message = "only `front_end = \"mixture\"` estimates where the markers are";
             return Err(node.error_at("estimate_markers", message).into());
         }
+        if !(1..=STACK as u32).contains(&table.start_windows) {
+            let message = format!("{} windows; allowed: 1 to {STACK}", table.start_windows);
+            return Err(node.error_at("start_windows", &message).into());
+        }
         if !(1..=MOST_POINTS).contains(&table.points) {
             let message = format!("{} points; allowed: 1 to {MOST_POINTS}", table.points);
             return Err(node.error_at("points", &message).into());
@@ -124,6 +131,7 @@ impl Default for OptionsTable {
             predict_failures: true,
             estimate_markers: false,
             most_lines: None,
+            start_windows: 1,
             points: 1,
             point: 1,
         }
@@ -150,11 +158,12 @@ pub const REALITY_SOURCES: [(&str, &str); 5] = [
 ];
 
 /// See [`INSTALLED_SOURCES`].
-pub const OPTIONS_SOURCES: [(&str, &str); 6] = [
+pub const OPTIONS_SOURCES: [(&str, &str); 7] = [
     ("front_end", "chosen: the estimator that gives a covariance"),
     ("predict_failures", "than2015, section 3.4.4: a track that is lost stays lost without it"),
     ("estimate_markers", "chosen: the markers stand where the capsule's model says"),
     ("most_lines", "chosen: no line is thrown away unseen"),
+    ("start_windows", "chosen: 284 lines (than2015, table 4.2) tell a first pose"),
     ("points", "chosen: a single particle"),
     ("point", "chosen: the first that is found"),
 ];

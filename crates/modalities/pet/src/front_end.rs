@@ -94,12 +94,11 @@ impl PetFrontEnd {
         }
     }
 
-    /// Forgets all windows and keeps the last window's pose alone, as a place to start from: earlier windows, which said too little
-    /// for a first pose, can then be answered.
-    pub fn rewind(&mut self) {
-        let world_from_capsule = Some(self.tracked.world_from_capsule);
-        self.tracker.recall(Memory { world_from_capsule, ..Memory::default() });
-        self.insisting = 0;
+    /// Where the capsule was so many seconds before the last window, by the velocity that a first pose from several windows came with:
+    /// the late answer to windows that said too little by themselves.
+    pub fn earlier(&self, seconds: f64) -> Isometry3<f64> {
+        let velocity = self.tracker.memory().start_velocity_world_m_s.unwrap_or_default();
+        nalgebra::Translation3::from(-velocity * seconds) * self.tracked.world_from_capsule
     }
 
     /// What a pose of these markers can claim.
@@ -309,6 +308,7 @@ fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Bo
                 budget: most.map_or(Budget::All, Budget::AtMost),
                 test_permutations: options.predict_failures,
                 estimate_markers: options.estimate_markers,
+                start_windows: options.start_windows as usize,
                 ..MixtureOptions::default()
             };
             Box::new(Mixture::new(markers, noise.clone(), mixture))

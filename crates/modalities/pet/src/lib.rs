@@ -34,10 +34,13 @@ pub use scanner::{CrystalIndex, Scanner};
 use config::{Installed, OptionsTable, REALITY_SOURCES, RealityTable};
 use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
 use sensor::PetSensor;
+use simulation::TableStore;
 
-/// The plugin.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Pet;
+/// The plugin. Simulated scanners that it builds share the tables of [`simulation::Mode::Tabulated`].
+#[derive(Clone, Debug, Default)]
+pub struct Pet {
+    tables: TableStore,
+}
 
 impl Modality for Pet {
     fn kind(&self) -> &'static str {
@@ -63,7 +66,7 @@ impl Modality for Pet {
         let Some(schedule) = setup.schedule else {
             return Err(installed.error("a simulated sensor needs a [sensor.schedule]").into());
         };
-        Ok(Box::new(PetSensor::new(setup, opened, table, reality, schedule)?))
+        Ok(Box::new(PetSensor::new(setup, opened, table, reality, schedule)?.sharing(self.tables.clone())))
     }
 
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {

@@ -12,7 +12,7 @@ use crate::line::Line;
 use crate::markers::{Marker, MarkerSet};
 use crate::payload;
 use crate::scanner::Scanner;
-use crate::simulation::{Isotope, LabelledLine, Origin, Settings, Simulator, SourceMarker};
+use crate::simulation::{Isotope, LabelledLine, Origin, Settings, Simulator, SourceMarker, TableStore};
 use lumenav_core::frame::ColumnKind;
 use lumenav_core::pose::interpolate;
 use lumenav_core::time::nanoseconds;
@@ -37,6 +37,7 @@ pub struct PetSensor {
     true_markers: Vec<SourceMarker>,
     schedule: Schedule,
     window_ns: i64,
+    tables: TableStore,
     simulator: Option<Simulator>,
     lines: Vec<LabelledLine>,
     sequence: u64,
@@ -79,10 +80,17 @@ impl PetSensor {
             reality,
             true_markers,
             schedule,
+            tables: TableStore::default(),
             simulator: None,
             lines: Vec::new(),
             sequence: 0,
         })
+    }
+
+    /// With tables that other scanners of the same set-up have made or will use.
+    #[must_use]
+    pub fn sharing(self, tables: TableStore) -> Self {
+        Self { tables, ..self }
     }
 
     /// The markers where and as active as they truly are.
@@ -106,7 +114,8 @@ impl PetSensor {
                 end_points: self.installed.table.end_points,
                 acollinearity_fwhm_deg: self.reality.acollinearity_fwhm_deg.0,
             };
-            let built = Simulator::new(
+            let built = Simulator::sharing(
+                &self.tables,
                 self.installed.scanner.clone(),
                 self.installed.scintillator.clone(),
                 self.installed.phantom.clone(),

@@ -25,6 +25,7 @@ pub mod photon;
 mod response;
 pub mod scintillator;
 pub mod source;
+mod tables;
 mod tabulated;
 
 pub use block::{BlockPhysics, Deposit};
@@ -34,6 +35,7 @@ pub use isotope::Isotope;
 pub use photon::{Body, Photon};
 pub use scintillator::Scintillator;
 pub use source::{Shell, SourceMarker};
+pub use tables::TableStore;
 
 use crate::scanner::Scanner;
 use detectors::{Hits, Single};
@@ -56,7 +58,7 @@ pub enum Mode {
     /// Photons are aimed at blocks; unbiased.
     #[default]
     Forced,
-    /// Detector response and backgrounds from tables that `analog` made.
+    /// Detector response and backgrounds from tables.
     Tabulated,
 }
 
@@ -120,6 +122,18 @@ impl Simulator {
         markers: Vec<SourceMarker>,
         settings: Settings,
     ) -> Self {
+        Self::sharing(&TableStore::default(), scanner, scintillator, phantom, markers, settings)
+    }
+
+    /// As [`Self::new`], with tables (of [`Mode::Tabulated`]) that other simulators of the same set-up have made or will use.
+    pub fn sharing(
+        store: &TableStore,
+        scanner: Scanner,
+        scintillator: Scintillator,
+        phantom: Option<Phantom>,
+        markers: Vec<SourceMarker>,
+        settings: Settings,
+    ) -> Self {
         let decay_scale = scanner.detection.efficiency.max(1.0).powi(2);
         let detectors = Detectors::new(scanner, scintillator, settings.end_points);
         let body = Body::new(phantom, detectors.kill_ev());
@@ -127,7 +141,7 @@ impl Simulator {
         let acollinearity_sigma_rad = settings.acollinearity_fwhm_deg.to_radians() / block::FWHM_PER_SIGMA;
         let physics =
             Physics { detectors, body, markers, positrons_per_decay, acollinearity_sigma_rad, decay_scale };
-        let tabulated = (settings.mode == Mode::Tabulated).then(|| Tabulated::new(&physics));
+        let tabulated = (settings.mode == Mode::Tabulated).then(|| Tabulated::new(store.of(&physics)));
         Self {
             physics,
             mode: settings.mode,

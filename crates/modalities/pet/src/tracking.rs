@@ -185,6 +185,24 @@ pub trait Tracker: Send {
     fn recall(&mut self, memory: Memory);
 }
 
+/// Goes back in time: from a pose, a tracker follows `earlier` windows (in order of time) from the last to the first. It then holds the
+/// first one's pose alone, as a place to start from; a window that fails hands on the pose of the one after it.
+pub fn rewind<'w>(
+    tracker: &mut dyn Tracker,
+    from: &Isometry3<f64>,
+    earlier: impl DoubleEndedIterator<Item = &'w [Line]>,
+) {
+    let start = |pose| Memory { world_from_capsule: Some(pose), ..Memory::default() };
+    let (mut pose, mut tracked) = (*from, Tracked::default());
+    for lines in earlier.rev() {
+        tracker.recall(start(pose));
+        if tracker.track_into(lines, None, &mut tracked).is_ok() {
+            pose = tracked.world_from_capsule;
+        }
+    }
+    tracker.recall(start(pose));
+}
+
 /// What a tracker keeps from window to window: everything that its next answer depends on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
@@ -206,6 +224,8 @@ pub struct Memory {
     pub mean_log_likelihoods: Vec<f64>,
     /// Marker positions in the capsule's frame as estimated so far; `None` where they are not estimated.
     pub marker_estimate: Option<estimate_markers::MarkerEstimate>,
+    /// Velocity that a first pose from several windows came with, m/s (`mixture`).
+    pub start_velocity_world_m_s: Option<Vector3<f64>>,
     /// The last windows: their lines and the pose given for each.
     pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
 }

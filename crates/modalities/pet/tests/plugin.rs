@@ -41,11 +41,11 @@ fn setup(capsule: &str) -> Setup {
 const INSTALLED: &str = "scanner = \"reduced\"\nphantom = \"water-20\"\n";
 
 fn sensor(capsule: &str, reality: &str) -> Box<dyn Sensor> {
-    Pet.sensor(&node(INSTALLED), &node(reality), &setup(capsule)).unwrap()
+    Pet::default().sensor(&node(INSTALLED), &node(reality), &setup(capsule)).unwrap()
 }
 
 fn front_end(capsule: &str, options: &str) -> Box<dyn FrontEnd> {
-    Pet.estimator(&node(INSTALLED), &node(options), &setup(capsule)).unwrap().front_end.unwrap()
+    Pet::default().estimator(&node(INSTALLED), &node(options), &setup(capsule)).unwrap().front_end.unwrap()
 }
 
 /// A capsule that moves at 10 mm/s along z and turns slowly.
@@ -208,7 +208,7 @@ fn law_front_ends_are_deterministic_and_go_on_from_a_snapshot() {
 }
 
 fn refused(capsule: &str, installed: &str, options: &str) -> String {
-    match Pet.estimator(&node(installed), &node(options), &setup(capsule)) {
+    match Pet::default().estimator(&node(installed), &node(options), &setup(capsule)) {
         Ok(_) => panic!("{installed} {options} is accepted"),
         Err(error) => error.to_string(),
     }

@@ -54,6 +54,7 @@ pub fn header(duration_s: f64, tracks: &[&str]) -> RunHeader {
         capsule: CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.004 },
         has_truth: true,
         expect: lumenav_pipeline::events::ExpectTable::default(),
+        periods: Vec::new(),
         scenario_toml: "name = \"helix\"\n".into(),
     }
 }

@@ -11,7 +11,7 @@ use super::follow::{Alone, Followed, Follower, Window};
 use super::scoring::placed;
 use super::source::Set;
 use crate::ReproduceError;
-use lumenav_core::config::quantity::NonNegative;
+use lumenav_core::config::quantity::{NonNegative, Positive};
 use lumenav_core::time::nanoseconds;
 use lumenav_core::{FrontEnd, MotionModel, Name, Outcome, PublishedEstimate, Reading, SimTime};
 use lumenav_fusion::{Eskf, EskfOptions, Filter, Verdict};
@@ -19,12 +19,12 @@ use lumenav_pet::config::Output;
 use lumenav_pet::front_end::PetFrontEnd;
 use lumenav_pet::model::LinesModel;
 use lumenav_pet::payload;
-use lumenav_pet::tracking::mixture::FIRST_BACKGROUND;
+use lumenav_pet::tracking::mixture::{FIRST_BACKGROUND, STACK};
 use lumenav_pet::tracking::{
     BlockNoise, Budget, ClassicOptions, Fcm, Likelihood, LineNoise, Mixture, MixtureOptions, Rigid,
     SourceNoise, Weights, Window as PreparedWindow,
 };
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -38,6 +38,9 @@ pub const RIGID: &str = "rigid";
 pub const ALONE: &str = "mixture alone";
 /// Name of the mixture in the filter.
 pub const FILTERED: &str = "mixture";
+
+/// Standard deviation of the velocity when the filter starts, per axis, m/s: the fastest of the paths runs at 45 mm/s.
+const START_VELOCITY_M_S: f64 = 0.045;
 
 /// How the filter believes that the capsule moves: velocity and angular rate as random walks, forgotten never.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,9 +59,11 @@ impl MotionPrior {
     /// In words.
     pub fn in_words(&self) -> String {
         format!(
-            "random walk of velocity {} mm/s per root second, of angular rate {} rad/s per root second, in each axis",
+            "random walk of velocity {} mm/s per root second, of angular rate {} rad/s per root second, velocity at the start 0 +- {} mm/s, in \
+             each axis",
             self.velocity_walk * 1e3,
-            self.rate_walk
+            self.rate_walk,
+            START_VELOCITY_M_S * 1e3
         )
     }
 
@@ -113,7 +118,7 @@ impl Estimators {
     }
 
     fn mixture(&self, budget: Budget) -> Mixture {
-        let options = MixtureOptions { budget, ..MixtureOptions::default() };
+        let options = MixtureOptions { budget, start_windows: STACK, ..MixtureOptions::default() };
         Mixture::new(&self.set.markers, (*self.noise).clone(), options)
     }
 
@@ -136,12 +141,15 @@ impl Estimators {
         let sensor = Name::from("scanner");
         let tracker = Box::new(self.mixture(budget));
         let front_end = PetFrontEnd::new(sensor.clone(), markers.clone(), Output::Lines, tracker, model);
-        let options = EskfOptions { motion: prior.model(), ..EskfOptions::default() };
+        let options = EskfOptions {
+            motion: prior.model(),
+            initial_velocity_sigma_m_s: Positive(START_VELOCITY_M_S),
+            ..EskfOptions::default()
+        };
         Box::new(WithFilter {
             sensor,
             front_end,
-            filter: Eskf::new(options.clone(), Vec::new()),
-            options,
+            filter: Eskf::new(options, Vec::new()),
             markers_capsule_m: markers.positions_capsule_m(),
         })
     }
@@ -162,11 +170,17 @@ struct WithFilter {
     sensor: Name,
     front_end: PetFrontEnd,
     filter: Eskf,
-    options: EskfOptions,
     markers_capsule_m: Vec<Vector3<f64>>,
 }
 
 impl WithFilter {
+    fn placed_at(&self, world_from_capsule: &Isometry3<f64>) -> Result<Followed, ReproduceError> {
+        let markers: Result<[Vector3<f64>; 3], _> = self.markers_capsule_m.as_slice().try_into();
+        let markers =
+            markers.map_err(|_| ReproduceError::of_part(FILTERED)("three markers were asked for"))?;
+        Ok(Followed { markers_world_m: placed(world_from_capsule, &markers), shares: Vec::new() })
+    }
+
     /// What the filter says about an instant after it was offered what the front end made of a reading.
     fn answer(&mut self, at: SimTime, outcome: Outcome) -> Option<PublishedEstimate> {
         let Outcome::Measured(measurements) = outcome else { return self.filter.predicted_estimate(at) };
@@ -205,15 +219,17 @@ impl Follower for WithFilter {
         let outcome =
             self.front_end.process(&reading, prior.as_ref()).map_err(ReproduceError::of_part(FILTERED))?;
         let Some(estimate) = self.answer(reading.at(), outcome) else { return Ok(None) };
-        let markers: Result<[Vector3<f64>; 3], _> = self.markers_capsule_m.as_slice().try_into();
-        let markers =
-            markers.map_err(|_| ReproduceError::of_part(FILTERED)("three markers were asked for"))?;
-        let markers_world_m = placed(&estimate.pose.world_from_capsule, &markers);
-        Ok(Some(Followed { markers_world_m, shares: Vec::new() }))
+        self.placed_at(&estimate.pose.world_from_capsule).map(Some)
     }
 
-    fn rewind(&mut self) {
-        self.front_end.rewind();
-        self.filter = Eskf::new(self.options.clone(), Vec::new());
+    /// The filter has started behind the last of these windows, from a pose that all of them were taken for together: where that puts
+    /// the capsule in each of them is the answer, and the filter goes on as it would have done.
+    fn answer_late(&mut self, windows: &[Window<'_>]) -> Result<Vec<Option<Followed>>, ReproduceError> {
+        let middle_s = |window: &Window<'_>| window.start_s + 0.5 * window.duration_s;
+        let Some(last_s) = windows.last().map(middle_s) else { return Ok(Vec::new()) };
+        let place = |window: &Window<'_>| {
+            self.placed_at(&self.front_end.earlier(last_s - middle_s(window))).map(Some)
+        };
+        windows.iter().map(place).collect()
     }
 }

@@ -4,15 +4,15 @@
 //! takes no more memory than one window.
 //!
 //! An estimator that cannot say where the capsule is in the first windows (few lines leave several attitudes open) is *held*: up to
-//! [`MOST_HELD`] windows wait for its first pose and are then answered in order, starting from it. They are counted as answered late;
-//! what is not found by then has failed.
+//! [`MOST_HELD`] windows wait for its first pose, and are then answered by going back from it. They are counted as answered
+//! late; what is not found by then has failed.
 
 use super::motion::Motion;
 use super::scoring::{Score, placed};
 use crate::ReproduceError;
 use lumenav_pet::Line;
 use lumenav_pet::tracking::mixture::STACK;
-use lumenav_pet::tracking::{Memory, Tracked, Tracker};
+use lumenav_pet::tracking::{Tracked, Tracker, rewind};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 
@@ -49,8 +49,12 @@ pub trait Follower: Send {
     /// Something that is no matter of the window.
     fn follow(&mut self, window: &Window<'_>) -> Result<Option<Followed>, ReproduceError>;
 
-    /// Goes back to before the first window and keeps the pose given last alone, as a place to start from.
-    fn rewind(&mut self);
+    /// The late answers to some windows in order of time, of which the last has just brought the first pose; afterwards the estimator
+    /// goes on behind the last of them.
+    ///
+    /// # Errors
+    /// Something that is no matter of the windows.
+    fn answer_late(&mut self, windows: &[Window<'_>]) -> Result<Vec<Option<Followed>>, ReproduceError>;
 }
 
 /// Windows before the first pose that are answered late: with the one that brought it, the five that a first pose is found on.
@@ -104,9 +108,13 @@ impl Follower for Alone {
         Ok(Some(Followed { markers_world_m, shares: self.tracked.shares.clone() }))
     }
 
-    fn rewind(&mut self) {
-        let world_from_capsule = Some(self.tracked.world_from_capsule);
-        self.tracker.recall(Memory { world_from_capsule, ..Memory::default() });
+    fn answer_late(&mut self, windows: &[Window<'_>]) -> Result<Vec<Option<Followed>>, ReproduceError> {
+        rewind(
+            self.tracker.as_mut(),
+            &self.tracked.world_from_capsule,
+            windows.iter().map(|window| window.lines),
+        );
+        windows.iter().map(|window| self.follow(window)).collect()
     }
 }
 
@@ -116,6 +124,12 @@ struct HeldWindow {
     start_s: f64,
     lines: Vec<Line>,
     truth: [Vector3<f64>; 3],
+}
+
+impl HeldWindow {
+    fn window(&self, duration_s: f64) -> Window<'_> {
+        Window { sequence: self.sequence, start_s: self.start_s, duration_s, lines: &self.lines }
+    }
 }
 
 /// How an estimator fares.
@@ -156,7 +170,7 @@ impl Fares {
         Ok(())
     }
 
-    /// The first pose is there: the windows that waited for it are answered in order, this one last.
+    /// The first pose is there: the windows that waited for it are answered in order, the one that brought it last.
     fn answer_held(
         &mut self,
         follower: &mut dyn Follower,
@@ -169,10 +183,10 @@ impl Fares {
             return Ok(());
         }
         self.score.answered_late += held.len() - 1;
-        follower.rewind();
-        for HeldWindow { sequence, start_s, lines, truth } in held {
-            let followed = follower.follow(&Window { sequence, start_s, duration_s, lines: &lines })?;
-            self.push(followed.as_ref(), &truth);
+        let windows: Vec<Window<'_>> = held.iter().map(|held| held.window(duration_s)).collect();
+        let late = follower.answer_late(&windows)?;
+        for (followed, held) in late.iter().zip(&held) {
+            self.push(followed.as_ref(), &held.truth);
         }
         Ok(())
     }
@@ -248,10 +262,12 @@ mod tests {
             Ok((!window.lines.is_empty()).then_some(followed))
         }
 
-        fn rewind(&mut self) {}
+        fn answer_late(&mut self, windows: &[Window<'_>]) -> Result<Vec<Option<Followed>>, ReproduceError> {
+            windows.iter().map(|window| self.follow(window)).collect()
+        }
     }
 
-    /// Gives its first pose in window `from`, and knows everything once it was rewound.
+    /// Gives its first pose in window `from`, and knows everything once it was asked for late answers.
     struct SlowStart {
         from: usize,
         rewound: bool,
@@ -268,8 +284,9 @@ mod tests {
             Ok((self.rewound || window.sequence >= self.from).then_some(followed))
         }
 
-        fn rewind(&mut self) {
+        fn answer_late(&mut self, windows: &[Window<'_>]) -> Result<Vec<Option<Followed>>, ReproduceError> {
             self.rewound = true;
+            windows.iter().map(|window| self.follow(window)).collect()
         }
     }
 

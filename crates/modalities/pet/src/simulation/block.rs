@@ -38,7 +38,7 @@ pub struct Deposit {
 }
 
 /// Physics of one block of a scanner.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct BlockPhysics {
     grid: CrystalGrid,
     scintillator: Scintillator,

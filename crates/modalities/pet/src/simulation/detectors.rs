@@ -112,7 +112,7 @@ pub enum EndPoints {
 }
 
 /// All blocks.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Detectors {
     scanner: Scanner,
     physics: BlockPhysics,

@@ -64,7 +64,7 @@ const STEP_EV: f64 = 4e3;
 const STEPS: usize = 1000;
 
 /// `σ_KN(E) / σ_KN(511 keV)`, tabulated.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ComptonRatio(Vec<f64>);
 
 impl Default for ComptonRatio {
@@ -84,7 +84,7 @@ impl ComptonRatio {
 }
 
 /// What a photon crosses on its way to the detectors.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Body {
     phantom: Option<Phantom>,
     ratio: ComptonRatio,

@@ -2,9 +2,8 @@
 //!
 //! True and scattered lines of which one photon is direct are made as in [`super::forced`], but the response comes from
 //! [`super::response`] and its largest acceptance thins the draws before anything is computed. The rest (lines with a prompt gamma,
-//! lines without a direct photon, singles for random lines) comes from a table over the marker's place: a grid of [`SPACING_M`] whose
-//! nodes are made by the forced mode when a run first comes near. A node is chosen with its trilinear weight, so rates and lines are
-//! interpolated linearly. A node's numbers depend on the set-up alone, not on the run, its seed or who came first.
+//! lines without a direct photon, singles for random lines) comes from [`super::tables`], a grid over the marker's place. A node is chosen
+//! with its trilinear weight, so rates and lines are interpolated linearly.
 //!
 //! Approximate where `forced` is not: see [`super::response`]; directions and transmission are taken at the marker's place, not the
 //! annihilation's (a millimetre beside it); background lines are blurred by the grid's spacing.
@@ -14,37 +13,15 @@ use super::aim::Aim;
 use super::block::Deposit;
 use super::coincidence::LabelledLine;
 use super::detectors::{Hit, Kind, Single};
-use super::forced::{Forced, Keep, Sample, Window, draw_pair, random_line};
+use super::forced::{Window, draw_pair, random_line};
 use super::photon::Photon;
-use super::response::Response;
 use super::source::{ANNIHILATION_EV, MarkerPaths, opposite};
-use lumenav_core::{RandomStream, RandomStreams};
+use super::tables::{Key, Node, SPACING_M, Tables, kind_of};
+use lumenav_core::RandomStream;
 use nalgebra::Vector3;
 use rand::RngExt as _;
 use std::collections::BTreeMap;
-
-/// Distance between nodes of the background's table, m. At 50 mm the curvature of the singles' rate over a water cylinder of 20 cm
-/// made a third too many randoms; the error falls with the square.
-pub const SPACING_M: f64 = 0.025;
-/// Decays of which a node's lines are made at a time.
-const BATCH_DECAYS: f64 = 1e6;
-/// A node has enough lines with this many (eight nodes mix), or after so many batches.
-const ENOUGH_LINES: usize = 60;
-const MOST_BATCHES: usize = 3;
-/// Whole decays that a node's singles are made of.
-const NODE_DECAYS: usize = 15_000;
-
-/// Background of a marker at one place.
-#[derive(Clone, Debug, Default)]
-struct Node {
-    lines: Vec<LabelledLine>,
-    lines_per_decay: f64,
-    sample: Sample,
-    lone_per_decay: f64,
-    prompts_per_decay: f64,
-    /// Share of pairs of its singles that can fire together.
-    allowed: f64,
-}
+use std::sync::Arc;
 
 /// Rectangles of the aim are cut into so many tiles along each side, each drawn as often as photons get out of the body there.
 const TILES: usize = 4;
@@ -52,24 +29,21 @@ const TILES: usize = 4;
 /// 6 degrees); where a voxel body has finer structure the excess is cut off.
 const TILE_MARGIN: f64 = 1.1;
 
-type Key = (usize, [i32; 3]);
-
-/// Tables and room of the tabulated mode.
+/// The tabulated mode.
 #[derive(Clone, Debug)]
 pub(super) struct Tabulated {
-    response: Response,
+    tables: Arc<Tables>,
     aim: Aim,
-    nodes: BTreeMap<Key, Node>,
+    /// Those of the tables that this run came near.
+    nodes: BTreeMap<Key, Arc<Node>>,
     /// By marker: eight keys and weights.
     corners: Vec<[(Key, f64); 8]>,
 }
 
 impl Tabulated {
-    /// Makes the response's table; nodes are made when needed.
-    pub fn new(physics: &Physics) -> Self {
-        let detectors = &physics.detectors;
-        let response = Response::new(detectors.scanner(), detectors.physics(), detectors.kill_ev());
-        Self { response, aim: Aim::default(), nodes: BTreeMap::new(), corners: Vec::new() }
+    /// Looks up these tables.
+    pub fn new(tables: Arc<Tables>) -> Self {
+        Self { tables, aim: Aim::default(), nodes: BTreeMap::new(), corners: Vec::new() }
     }
 
     /// All lines of a window, unsorted; `false` where a marker is too near to a block.
@@ -99,8 +73,7 @@ impl Tabulated {
             let corners = corners_of(physics, paths, marker, window);
             for (key, weight) in corners {
                 if weight > 0.0 && !self.nodes.contains_key(&key) {
-                    let node = make_node(physics, marker, key);
-                    self.nodes.insert(key, node);
+                    self.nodes.insert(key, self.tables.node(key));
                 }
             }
             self.corners.push(corners);
@@ -116,7 +89,7 @@ impl Tabulated {
     fn mean(&self, marker: usize, of: impl Fn(&Node) -> f64) -> f64 {
         self.corners[marker]
             .iter()
-            .filter_map(|(key, weight)| self.nodes.get(key).map(|node| weight * of(node)))
+            .filter_map(|(key, weight)| self.nodes.get(key).map(|node| weight * of(node.as_ref())))
             .sum()
     }
 
@@ -135,7 +108,7 @@ impl Tabulated {
                 }
             }
         }
-        chosen
+        chosen.map(Arc::as_ref)
     }
 
     /// True and scattered lines with a direct photon.
@@ -155,7 +128,7 @@ impl Tabulated {
     ) {
         let detectors = &physics.detectors;
         let photons = 2.0 * decays * physics.positrons_per_decay[marker] * unprompted;
-        let most = self.response.most_at_511;
+        let most = self.tables.response.most_at_511;
         let draws = super::poisson(photons * self.aim.draws_per_photon() * most, random);
         for number in 0..draws {
             let after_s = window.duration_s * random.random::<f64>();
@@ -187,7 +160,7 @@ impl Tabulated {
             let mut placed = |block: usize, mut photon: Photon, given: f64| {
                 photon.place_m += offset_m;
                 let local = detectors.to_block(block, &photon).on_face();
-                self.response.draw(&local, given, random)
+                self.tables.response.draw(&local, given, random)
             };
             let (Some(b_m), Some(a_m)) = (placed(other_block, second, 1.0), placed(block, first, most))
             else {
@@ -303,18 +276,6 @@ impl Tabulated {
     }
 }
 
-/// Markers that are alike share nodes.
-fn kind_of(physics: &Physics, marker: usize) -> usize {
-    let here = &physics.markers[marker];
-    physics
-        .markers
-        .iter()
-        .position(|m| {
-            m.isotope == here.isotope && m.core_diameter_m == here.core_diameter_m && m.shell == here.shell
-        })
-        .unwrap_or(marker)
-}
-
 /// The eight nodes around a marker in the middle of a window, with their weights.
 fn corners_of(physics: &Physics, paths: &MarkerPaths, marker: usize, window: Window) -> [(Key, f64); 8] {
     let place = paths.at(marker, 0.5 * window.duration_s) / SPACING_M;
@@ -330,40 +291,4 @@ fn corners_of(physics: &Physics, paths: &MarkerPaths, marker: usize, window: Win
         });
         ((kind, node), weight)
     })
-}
-
-/// Makes a node by the forced mode.
-fn make_node(physics: &Physics, marker: usize, key: Key) -> Node {
-    let place_m = Vector3::from(key.1.map(|n| f64::from(n) * SPACING_M));
-    let name = key.1.iter().fold(key.0 as u64, |name, n| name << 16 | (i64::from(*n) & 0xffff) as u64);
-    let mut random = RandomStreams::new(0, 0, "pet-tables").stream("background", name);
-    let window = Window { start_s: 0.0, duration_s: 1.0 };
-    let mut alone = physics.clone();
-    alone.markers = vec![physics.markers[marker].clone()];
-    alone.positrons_per_decay = vec![physics.positrons_per_decay[marker]];
-    let mut paths = MarkerPaths::default();
-    paths.rest(&place_m);
-    let mut node = Node::default();
-    let mut forced = Forced::default();
-    forced.sample(&alone, &paths, window, NODE_DECAYS, &mut random);
-    node.sample = forced.sample.clone();
-    node.lone_per_decay = node.sample.lone.len() as f64 / NODE_DECAYS as f64;
-    node.prompts_per_decay = node.sample.prompts_per_decay;
-    node.allowed = node.sample.allowed_share();
-    if !forced.set_aim(&alone, &paths, 0) {
-        return node;
-    }
-    let photons = 2.0 * BATCH_DECAYS * alone.positrons_per_decay[0];
-    let mut batches = 0;
-    let mut lines = Vec::new();
-    while node.lines.len() < ENOUGH_LINES && batches < MOST_BATCHES {
-        lines.clear();
-        forced.direct(&alone, &paths, (0, photons), window, Keep::PromptOnly, &mut random, &mut lines);
-        lines.retain(|line| line.label.has_prompt());
-        forced.indirect(&alone, &paths, (0, photons), window, &mut random, &mut lines);
-        node.lines.append(&mut lines);
-        batches += 1;
-    }
-    node.lines_per_decay = node.lines.len() as f64 / (batches as f64 * BATCH_DECAYS);
-    node
 }

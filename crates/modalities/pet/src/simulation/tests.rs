@@ -3,6 +3,7 @@ use super::*;
 use lumenav_core::Node;
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
+use std::sync::Arc;
 
 fn open(folder: &str, name: &str) -> Node {
     let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models");
@@ -103,6 +104,42 @@ fn law_same_seed_same_lines_whatever_came_before() {
         first.window(&motion, 0.1, 0.01, &random, 3, &mut b);
         assert_ne!(a, b);
     }
+}
+
+#[test]
+fn law_shared_tables_give_the_lines_of_tables_of_ones_own() {
+    let simulator = |store: &TableStore, trial: u64, acollinearity_fwhm_deg: f64| {
+        let settings = Settings { mode: Mode::Tabulated, acollinearity_fwhm_deg, ..Settings::default() };
+        let mut markers = triangle("na-22")[..1].to_vec();
+        // On the line between two nodes: no more than these are made.
+        markers[0].position_capsule_m = Vector3::new(0.0, 0.0, 5e-3 * trial as f64);
+        markers[0].activity_bq *= 3.0 + trial as f64;
+        let crystal = scintillator::tests::model("gso");
+        Simulator::sharing(store, scanner("reduced"), crystal, None, markers, settings)
+    };
+    let lines_of = |store: &TableStore, trial: u64| {
+        let (random, mut lines) = (RandomStreams::new(9, trial, "sensor"), Vec::new());
+        let rest = |_: f64| Isometry3::translation(0.0, 0.0, 0.01);
+        simulator(store, trial, 0.5).window(&rest, 0.0, 0.05, &random, 0, &mut lines);
+        lines
+    };
+    let alone = [0, 1].map(|trial| lines_of(&TableStore::default(), trial));
+    assert!(alone.iter().all(|lines| lines.len() > 100));
+    let store = TableStore::default();
+    let shared = std::thread::scope(|scope| {
+        [0, 1]
+            .map(|trial| {
+                scope.spawn({
+                    let (store, lines_of) = (&store, &lines_of);
+                    move || lines_of(store, trial)
+                })
+            })
+            .map(|job| job.join().unwrap())
+    });
+    assert_eq!(alone, shared);
+    let of = |simulator: Simulator| Arc::as_ptr(&store.of(&simulator.physics));
+    assert_eq!(of(simulator(&store, 0, 0.5)), of(simulator(&store, 1, 0.5)));
+    assert_ne!(of(simulator(&store, 0, 0.5)), of(simulator(&store, 0, 0.4)), "another physics, other tables");
 }
 
 #[test]

@@ -15,6 +15,14 @@ pub enum Failure {
         /// The least.
         needed: usize,
     },
+    /// A first pose is taken from several windows together, and there are not yet so many.
+    #[error("a first pose is taken from {needed} windows together; {have} so far")]
+    Gathering {
+        /// Windows so far, this one included.
+        have: usize,
+        /// How many are asked for.
+        needed: usize,
+    },
     /// The lines all run one way, so that they do not fix a point.
     #[error("the lines run too much one way to fix a point (relative spread {spread:.1e})")]
     Parallel {

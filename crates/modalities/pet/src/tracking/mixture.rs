@@ -5,11 +5,14 @@
 //!
 //! - **Not enough lines for a first pose.** Where two attitudes explain the first window nearly equally well, the answer is
 //!   [`Failure::Ambiguous`], and the next search is over the lines of up to [`STACK`] windows.
+//!   With `start_windows` above 1 the first pose is always that of so many windows together ([`start`]).
 //! - **A wrong order of the markers.** A flip of the near-isosceles triangle fits nearly as well as the truth and moves with it. Every
 //!   [`TEST_EVERY`] windows the last [`STACK`] are climbed again from every other order of the markers; a better one is taken.
 //!
 //! A search follows also where the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
 //! marker set cannot tell apart are listed, and of them the nearest to the prior (or to the last pose) is the answer.
+
+mod start;
 
 use super::body::Body;
 use super::budget::Budget;
@@ -76,6 +79,8 @@ pub struct MixtureOptions {
     pub test_permutations: bool,
     /// Estimate where the markers are in the capsule.
     pub estimate_markers: bool,
+    /// Windows from which a first pose is taken together, 1 to [`STACK`]; a window of many lines needs no other.
+    pub start_windows: usize,
     /// Largest standard deviations of a pose.
     pub limits: Limits,
 }
@@ -86,6 +91,7 @@ impl Default for MixtureOptions {
             budget: Budget::All,
             test_permutations: true,
             estimate_markers: false,
+            start_windows: 1,
             limits: Limits::default(),
         }
     }
@@ -197,6 +203,13 @@ impl Mixture {
 
     /// The first pose: of this window or, where it says too little, of the last ones together.
     fn first_pose(&mut self, lines: &[Line]) -> Result<Top, Failure> {
+        // A capsule that was lost is wanted back at once: where it was looked for before, one window has to do.
+        let is_start = self.memory.shares.is_empty();
+        let needed = if is_start { self.options.start_windows.min(STACK) } else { 1 };
+        let have = self.memory.recent.len() + 1;
+        if have < needed {
+            return Err(Failure::Gathering { have, needed });
+        }
         self.stack.clear();
         for (recent, _) in &self.memory.recent {
             self.stack.extend_from_slice(recent);
@@ -205,8 +218,14 @@ impl Mixture {
         let stack = std::mem::take(&mut self.stack);
         let found = self.find(&stack);
         self.stack = stack;
+        let found = found?.pose;
+        if needed > 1 {
+            let (top, velocity_world_m_s) = self.start_of_stack(lines, &found)?;
+            self.memory.start_velocity_world_m_s = Some(velocity_world_m_s);
+            return Ok(top);
+        }
         // The stack told the attitude; the pose is this window's.
-        self.follow(lines, &found?.pose, Vector3::zeros(), None)
+        self.follow(lines, &found, Vector3::zeros(), None)
     }
 
     /// The best top of a search that looked at `given` lines, if it explains enough of them, and no other place does nearly as well.
@@ -529,7 +548,9 @@ impl Mixture {
         let searching = self.memory.world_from_capsule.is_none();
         self.memory.world_from_capsule = None;
         match failure {
-            Failure::Ambiguous { .. } if searching => self.remember(lines, &Isometry3::identity()),
+            Failure::Ambiguous { .. } | Failure::Gathering { .. } if searching => {
+                self.remember(lines, &Isometry3::identity())
+            }
             _ => self.memory.recent.clear(),
         }
         if !searching {
