@@ -113,6 +113,11 @@ pub enum Command {
     #[command(after_help = "Example:
   lumenav export out/helix-magnetic-1 --format kitti --out exported")]
     Export(ExportOptions),
+    /// Say what dose the markers of a run's capsule leave along the wall of its tract.
+    #[command(after_help = "Examples:
+  lumenav dose out/colon-pet-1
+  lumenav dose out/colon-pet-1 --out out/dose")]
+    Dose(DoseOptions),
     /// Open a recording in the Rerun viewer.
     View(ViewOptions),
     /// Print shell completions.
@@ -380,6 +385,28 @@ pub struct ExportOptions {
     #[arg(long)]
     pub force: bool,
     /// Print what was written as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `dose`.
+#[derive(Clone, Debug, Args)]
+pub struct DoseOptions {
+    /// The folder of a run through a tract.
+    pub run: PathBuf,
+    /// Dose rate constant of the markers' isotope, uSv m2/(h MBq); default 0.362 for Na-22 (than2015, section 3.6).
+    #[arg(long)]
+    pub dose_rate_constant: Option<f64>,
+    /// Folder for dose.csv and dose.svg; default: only the table is printed.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// The models folder; default the nearest `models`.
+    #[arg(long)]
+    pub models: Option<PathBuf>,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
+    /// Print the table as JSON.
     #[arg(long)]
     pub json: bool,
 }

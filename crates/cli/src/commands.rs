@@ -1,5 +1,6 @@
 //! One module per command.
 
+pub mod dose;
 pub mod explain;
 pub mod export;
 pub mod models;

@@ -55,6 +55,7 @@ fn obey(arguments: &Arguments, registry: &Registry) -> anyhow::Result<()> {
         Command::Plugins(options) => commands::models::plugins(options, registry),
         Command::New(what) => commands::new::new(what, registry, verbosity),
         Command::Export(options) => commands::export::export(options, verbosity),
+        Command::Dose(options) => commands::dose::dose(options),
         Command::View(options) => commands::view::view(options),
         Command::Completions { shell } => args::completions(*shell),
     }

@@ -86,7 +86,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                         Origin::Prompt => 3,
                         Origin::Random => 4,
                     }] += 1;
-                    no_prompt += u64::from(!line.label.has_prompt());
+                    no_prompt += u64::from(line.label.origin != Origin::Prompt);
                 }
             }
             let ms = clock.elapsed().as_secs_f64() * 1e3 / windows as f64;

@@ -214,6 +214,11 @@ impl PetFrontEnd {
         let found = model.evaluate(&about);
         let explained = found.effective_lines();
         let gain = found.log_likelihood - model.window.near() as f64 * model.window.background_per_m2.ln();
+        let is_here = gain >= FOLLOWED_GAIN && explained >= FEWEST_EXPLAINED;
+        if tracked.is_ok() && !is_here {
+            // The prediction is too far off for the lines to say anything about it; the tracker found the capsule elsewhere.
+            return self.pose_outcome(reading, Some(prior));
+        }
         if gain < FOLLOWED_GAIN || gain.is_nan() {
             return refused(&Failure::NoEvidence { gain, needed: FOLLOWED_GAIN }.to_string());
         }

@@ -136,7 +136,8 @@ fn describe(table: &mut Table, every: [usize; 2], scale: f64, size: Size) {
     );
     table.note(
         "true: both photons of 511 keV, neither scattered in the water. Lines per run count every accepted coincidence, those with a \
-         1274.5 keV partner of Na-22 too; the true share is given over all lines and over lines without such a partner",
+         1274.5 keV partner of Na-22 too; the true share is given over all lines and over lines without such a \
+         partner from the same decay (a gamma of another decay makes a random line like any other single)",
     );
     if size == Size::Quick {
         table.note("quick: the statistical error of a cell is up to some per cent");

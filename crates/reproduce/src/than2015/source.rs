@@ -128,7 +128,7 @@ pub struct Tally {
     pub lines: u64,
     /// Both photons of one annihilation, neither scattered in the body.
     pub true_lines: u64,
-    /// Lines with a prompt gamma as one of their photons.
+    /// Lines of a 511 keV photon with a prompt gamma of the same decay.
     pub with_partner: u64,
 }
 
@@ -175,7 +175,7 @@ impl Source {
         for labelled in &self.buffer {
             self.tally.lines += 1;
             self.tally.true_lines += u64::from(labelled.label.origin == Origin::True);
-            self.tally.with_partner += u64::from(labelled.label.has_prompt());
+            self.tally.with_partner += u64::from(labelled.label.origin == Origin::Prompt);
             out.push(labelled.line);
         }
     }

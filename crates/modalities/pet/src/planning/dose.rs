@@ -9,6 +9,7 @@
 
 use lumenav_anatomy::Tract;
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 
 /// Dose rate constant of Na-22, Sv m²/(h Bq): 0.362 uSv/h per MBq at 1 m (than2015, section 3.6).
 pub const SODIUM_22_SV_M2_PER_H_BQ: f64 = 0.362e-12;
@@ -107,19 +108,24 @@ impl WallDose {
         Some(walls.collect())
     }
 
-    /// Places of the source and the time spent there, s.
+    /// Places of the source and the time spent there, s: the tract in pieces of [`STEP_SHARE`] of the smallest distance, each with the
+    /// time that the capsule spent in it, at the mean place of that time.
     fn sources(&self, tract: &Tract, transit: &[TransitPoint]) -> Vec<(Vector3<f64>, f64)> {
-        let mut sources = Vec::new();
+        let piece_m = STEP_SHARE * self.nearest_m;
+        // By piece: time, and time by place, s and m s.
+        let mut pieces: BTreeMap<i64, (f64, f64)> = BTreeMap::new();
         for pair in transit.windows(2) {
-            let way_m = pair[1].arc_length_m - pair[0].arc_length_m;
-            let steps = (way_m.abs() / (STEP_SHARE * self.nearest_m)).ceil().max(1.0) as usize;
+            let (from_m, way_m) = (pair[0].arc_length_m, pair[1].arc_length_m - pair[0].arc_length_m);
+            let steps = (way_m.abs() / piece_m).ceil().max(1.0) as usize;
             let step_s = (pair[1].t_s - pair[0].t_s) / steps as f64;
             for i in 0..steps {
-                let arc_length_m = pair[0].arc_length_m + way_m * (i as f64 + 0.5) / steps as f64;
-                sources.push((tract.station(arc_length_m).position_m.coords, step_s));
+                let arc_length_m = from_m + way_m * (i as f64 + 0.5) / steps as f64;
+                let piece = pieces.entry((arc_length_m / piece_m).floor() as i64).or_default();
+                *piece = (piece.0 + step_s, piece.1 + step_s * arc_length_m);
             }
         }
-        sources
+        let spent = pieces.into_values().filter(|(time_s, _)| *time_s > 0.0);
+        spent.map(|(time_s, moment)| (tract.station(moment / time_s).position_m.coords, time_s)).collect()
     }
 
     fn at(&self, place_m: &Vector3<f64>, sources: &[(Vector3<f64>, f64)]) -> f64 {

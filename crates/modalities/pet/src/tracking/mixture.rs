@@ -9,7 +9,8 @@
 //! - **A wrong order of the markers.** A flip of the near-isosceles triangle fits nearly as well as the truth and moves with it. Every
 //!   [`TEST_EVERY`] windows the last [`STACK`] are climbed again from every other order of the markers; a better one is taken.
 //!
-//! A search follows also where the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
+//! A search follows also where the place that was told or held has no lines (a capsule that comes back from out of view, a prediction
+//! that ran away), or the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
 //! marker set cannot tell apart are listed, and of them the nearest to the prior (or to the last pose) is the answer.
 
 mod start;
@@ -350,7 +351,7 @@ impl Mixture {
         };
         let followed = self.follow(lines, &start, velocity, contained.as_ref());
         match followed {
-            Ok(top) if top.converged && !self.fell(&top) => Ok((top, None)),
+            Ok(top) if top.converged && top.gain >= FOLLOWED_GAIN && !self.fell(&top) => Ok((top, None)),
             Err(failure @ Failure::TooFewLines { .. }) => Err(failure),
             other => {
                 let followed = other.ok();
