@@ -8,7 +8,8 @@
 //! A filter that holds a pose with two markers exchanged would go on holding it: near the wrong peak every window agrees. The
 //! mixture therefore follows every window beside the filter and tests the orders of the markers over the last ones. Where it
 //! settles on another pose than the filter's, the front end *insists*: it hands over that pose instead of lines until the filter,
-//! which refuses it at first, has given up its belief and started from it.
+//! which refuses it at first, has given up its belief and started from it. Where the prediction itself is vague, or nothing of the
+//! window is where it points, the tracker's own pose is handed over as well.
 
 mod points;
 mod scene;
@@ -24,12 +25,12 @@ use crate::tracking::ClassicOptions;
 use crate::tracking::budget::Budget;
 use crate::tracking::fcm::Fcm;
 use crate::tracking::likelihood::{Likelihood, Weights};
-use crate::tracking::mixture::{FIRST_BACKGROUND, FOLLOWED_GAIN, Mixture, MixtureOptions};
+use crate::tracking::mixture::{FIRST_BACKGROUND, FOLLOWED_GAIN, Mixture, MixtureOptions, TEST_EVERY};
 use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
 use crate::tracking::points::Points;
 use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
-use crate::tracking::{Failure, Memory, Prior, Reinitialized, Tracked, Tracker};
+use crate::tracking::{Failure, Limits, Memory, Prior, Reinitialized, Tracked, Tracker};
 use lumenav_core::fix::FixModel;
 use lumenav_core::pose::ominus;
 use lumenav_core::{
@@ -54,6 +55,7 @@ const UNKNOWN_ANGLE_RAD2: f64 = std::f64::consts::PI * std::f64::consts::PI / 3.
 struct Kept {
     tracker: Memory,
     insisting: u32,
+    since_order: u64,
 }
 
 /// The estimator side of a scanner, for a rigid set of markers.
@@ -69,6 +71,8 @@ pub struct PetFrontEnd {
     lines: Vec<Line>,
     /// Windows for which the front end has insisted on its own pose.
     insisting: u32,
+    /// Windows since a test preferred another order of the markers than the filter's, counted from 1; 0: not lately.
+    since_order: u64,
 }
 
 impl PetFrontEnd {
@@ -91,6 +95,7 @@ impl PetFrontEnd {
             tracked: Tracked::default(),
             lines: Vec::new(),
             insisting: 0,
+            since_order: 0,
         }
     }
 
@@ -231,14 +236,23 @@ impl PetFrontEnd {
         self.measured(reading, reading.payload.clone(), Arc::new(model), None, PriorUse::StartOnly)
     }
 
-    /// Whether the tracker has settled on another pose than the filter's: it begins where the tracker has just found one by a test
-    /// over several windows, and ends where the filter has come round or will not.
-    fn must_insist(&self, prior: &Prior) -> bool {
-        let found = matches!(
-            self.tracked.reinitialized,
-            Some(Reinitialized::Permutation | Reinitialized::LikelihoodFell)
-        );
-        (found || (1..LONGEST_INSISTENCE).contains(&self.insisting)) && !self.agrees(prior)
+    /// Whether the tracker has settled on another pose than the filter's: it begins where the tracker has just found one by a search, or
+    /// twice in a row by a test of the markers' order (its odds are twenty to one, and a filter that has followed the capsule for a while
+    /// knows better than one of them), and ends where the filter has come round or will not.
+    fn must_insist(&mut self, prior: &Prior) -> bool {
+        let is_going_on = (1..LONGEST_INSISTENCE).contains(&self.insisting);
+        let found = match self.tracked.reinitialized {
+            Some(Reinitialized::LikelihoodFell) => true,
+            Some(Reinitialized::Permutation) => std::mem::replace(&mut self.since_order, 1) > 0,
+            _ => false,
+        };
+        if self.tracked.reinitialized != Some(Reinitialized::Permutation) && self.since_order > 0 {
+            self.since_order += 1;
+            if self.since_order > TEST_EVERY {
+                self.since_order = 0;
+            }
+        }
+        (found || is_going_on) && !self.agrees(prior)
     }
 
     fn agrees(&self, prior: &Prior) -> bool {
@@ -336,6 +350,19 @@ const BACKGROUND_STEPS: u32 = 8;
 /// Fewer lines than this do not say where three markers are, whatever the prediction.
 const FEWEST_EXPLAINED: f64 = 4.0;
 
+/// Whether a prediction is so uncertain that a climb from it may end at another order of the markers (a filter that has not seen the
+/// roll for a while): then the tracker's own pose, found by a search or held from the last window, is handed over in place of lines.
+/// The roll of markers that look alike after a turn is never told by a pose: of it nothing is asked.
+fn is_vague(prior: &Prior, symmetric: bool) -> bool {
+    let limits = Limits::default();
+    let sigma = |from: usize, size: usize| {
+        let block = prior.covariance.view((from, from), (size, size)).into_owned();
+        block.symmetric_eigenvalues().max().max(0.0).sqrt()
+    };
+    let rotation_rad = if symmetric { sigma(4, 2) } else { sigma(3, 3) };
+    !(sigma(0, 3) <= limits.position_m && rotation_rad <= limits.rotation_rad)
+}
+
 /// The filter's prediction as a tracker takes it; what it does not know is as wide as a circle.
 fn prior_of(prior: &PosePrior) -> Prior {
     let mut covariance: Matrix6<f64> = prior.pose.covariance;
@@ -364,10 +391,13 @@ impl FrontEnd for PetFrontEnd {
         // What is no line is left out; the trackers count what is left.
         payload::lines(&reading.payload, &mut self.lines)?;
         let prior = prior.map(prior_of);
-        let tracked = self.tracker.track_into(&self.lines, prior.as_ref(), &mut self.tracked);
+        let vague = prior.as_ref().is_some_and(|prior| is_vague(prior, self.symmetric));
+        // Neither a prediction that does not know nor one that is contradicted is a place to start from.
+        let hint = prior.as_ref().filter(|_| !vague && self.insisting == 0);
+        let tracked = self.tracker.track_into(&self.lines, hint, &mut self.tracked);
         Ok(match (self.output, &prior, tracked) {
-            (Output::Lines, Some(prior), tracked) => self.lines_outcome(reading, prior, &tracked),
-            (_, _, Ok(())) => self.pose_outcome(reading, prior.as_ref()),
+            (Output::Lines, Some(prior), tracked) if !vague => self.lines_outcome(reading, prior, &tracked),
+            (_, _, Ok(())) => self.pose_outcome(reading, hint),
             (_, _, Err(why)) => refused(&why.to_string()),
         })
     }
@@ -377,7 +407,8 @@ impl FrontEnd for PetFrontEnd {
     }
 
     fn snapshot(&self) -> Vec<u8> {
-        let kept = Kept { tracker: self.tracker.memory(), insisting: self.insisting };
+        let kept =
+            Kept { tracker: self.tracker.memory(), insisting: self.insisting, since_order: self.since_order };
         // TOML reads every number back to the same bits. A memory of numbers always has a text.
         toml::to_string(&kept).unwrap_or_default().into_bytes()
     }
@@ -386,6 +417,7 @@ impl FrontEnd for PetFrontEnd {
         let kept: Kept = toml::from_slice(bytes).map_err(|_| ModalityError::Snapshot)?;
         self.tracker.recall(kept.tracker);
         self.insisting = kept.insisting;
+        self.since_order = kept.since_order;
         Ok(())
     }
 
