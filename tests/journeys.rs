@@ -646,3 +646,47 @@ fn published_magnet_patch_cylinder_and_dipole() {
         assert!(error.mean <= limit_mm, "{track}: {} mm", error.mean);
     }
 }
+
+#[test]
+fn law_dose_of_a_run_is_that_of_its_transit() {
+    let folder = scratch();
+    let out = folder.path().join("run");
+    let short = ["capsule.model=hybrid", "scenario.duration_s=1"];
+    let run = Run::new(&root().join("scenarios/smoke/colon.toml")).out(&out).arg("--record").arg("none");
+    short.iter().fold(run, |run, set| run.arg("--set").arg(set)).ok();
+    let to = folder.path().join("dose");
+    let dose = ["dose", path(&out), "--models", "models", "--out", path(&to), "--json"];
+    let json: serde_json::Value = serde_json::from_str(&said(&dose)).expect("JSON");
+    let largest = json["segments"].as_array().expect("segments").iter();
+    let largest = largest.map(|s| s["largest_msv"].as_f64().expect("a number")).fold(0.0, f64::max);
+    // A second beside a capsule of 12 mm with 5.55 MBq, the wall no nearer than its radius: at most Γ A t / r².
+    let most = 1e3 * 0.362e-12 * 5.55e6 / 3600.0 / (6e-3_f64 * 6e-3);
+    assert!(largest > 0.02 * most && largest <= most * (1.0 + 1e-9), "{largest} {most}");
+    let csv = std::fs::read_to_string(to.join("dose.csv")).expect("written");
+    let column = |line: &str| line.split(',').nth(2).and_then(|cell| cell.parse::<f64>().ok());
+    let in_file = csv.lines().skip(1).filter_map(column).fold(0.0, f64::max);
+    assert!((1e3 * in_file / largest - 1.0).abs() < 1e-12);
+    assert!(std::fs::read_to_string(to.join("dose.svg")).expect("written").contains("along the tract"));
+    assert!(complained(&dose, 1).contains("exists already"));
+    // Half the constant, half the dose.
+    let half = said(&[&dose[..4], &["--dose-rate-constant", "0.181", "--json"]].concat());
+    let half: serde_json::Value = serde_json::from_str(&half).expect("JSON");
+    let ratio = half["segments"][0]["mean_msv"].as_f64().expect("a number")
+        / json["segments"][0]["mean_msv"].as_f64().expect("a number");
+    assert!((ratio - 0.5).abs() < 1e-9, "{ratio}");
+    assert!(complained(&["dose", path(folder.path())], 1).contains("is no run's folder"));
+}
+
+#[test]
+fn law_periods_are_told_below_the_table() {
+    let folder = scratch();
+    let scenario = folder.path().join("s.toml");
+    let text = std::fs::read_to_string(root().join("scenarios/smoke/helix.toml")).expect("shipped");
+    std::fs::write(&scenario, format!("{text}\n[[period]]\nname = \"late\"\nfrom_s = 1.0\nto_s = 2.0\n"))
+        .expect("a scratch file");
+    let run = || Run::new(&scenario).arg("--models").arg(root().join("models")).arg("--record").arg("none");
+    let table = run().out(&folder.path().join("one")).ok();
+    assert!(table.contains(", late: 1 to 2 s: mean "), "{table}");
+    let table = run().out(&folder.path().join("two")).arg("--trials").arg("2").ok();
+    assert!(table.contains(", late: mean ") && table.contains("(worst trial "), "{table}");
+}

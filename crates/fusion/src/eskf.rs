@@ -362,11 +362,14 @@ impl Eskf {
         streak.refused_in_a_row = streak.refused_in_a_row.saturating_add(1);
         let count = streak.refused_in_a_row;
         let since = measurement.at - nanoseconds(self.options.lag_s.0);
-        // One refusal of a good sensor does not take back what it has vouched for within the lag.
-        let vouches = |other: &Streak| other.vouched_at.is_some_and(|at| at >= since);
+        let most = self.reacquire_after();
+        // One refusal of a good sensor does not take back what it has vouched for within the lag; as many as lose a belief do.
+        let vouches = |other: &Streak| {
+            other.refused_in_a_row < most && other.vouched_at.is_some_and(|at| at >= since)
+        };
         let mut others = self.stage.streaks.iter().filter(|(name, _)| **name != measurement.sensor);
         let vouched = others.any(|(_, other)| vouches(other));
-        (count >= self.reacquire_after() && !vouched)
+        (count >= most && !vouched)
             .then(|| format!("{count} measurements in a row of sensor `{}` were refused", measurement.sensor))
     }
 

@@ -228,3 +228,40 @@ fn law_bad_tables_are_refused_by_key() {
         assert!(message.contains(wanted), "{message}");
     }
 }
+
+/// A prediction that does not know the roll is no place for lines: near it every order of the markers is a peak.
+#[test]
+fn law_a_vague_prediction_gets_a_pose_and_a_far_one_too() {
+    for (sigma_m, sigma_rad, off_m) in [(1e-3, 1.8, 0.0), (0.05, 0.05, 0.0), (1e-3, 0.05, 0.1)] {
+        let mut front_end = front_end("pet-scalene", "front_end = \"lines\"");
+        for reading in readings("pet-scalene", "", 3) {
+            let truth = pose_at(reading.at());
+            let mut told = prior(truth, reading.at());
+            // The roll is wrong by half a turn where it is said not to be known.
+            if sigma_rad > 1.0 {
+                told.pose.world_from_capsule =
+                    truth * nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 3.0);
+            }
+            told.pose.world_from_capsule.translation.vector.z += off_m;
+            told.pose.covariance = nalgebra::Matrix6::from_diagonal(
+                &nalgebra::Vector6::new(sigma_m, sigma_m, sigma_m, sigma_rad, sigma_rad, sigma_rad)
+                    .map(|s| s * s),
+            );
+            let Outcome::Measured(measured) = front_end.process(&reading, Some(&told)).unwrap() else {
+                panic!("window {} is refused", reading.sequence)
+            };
+            let fix = measured[0].fix.as_ref().expect("a pose");
+            let error = lumenav_core::pose::ominus(&fix.world_from_capsule, &truth);
+            assert!(
+                error.fixed_rows::<3>(0).norm() < 2e-3 && error.fixed_rows::<3>(3).norm() < 0.4,
+                "{error}"
+            );
+        }
+    }
+}
+
+#[test]
+fn law_a_start_from_more_windows_than_are_kept_is_refused() {
+    let message = refused("pet-scalene", INSTALLED, "front_end = \"lines\"\nstart_windows = 6");
+    assert!(message.contains("start_windows") && message.contains("1 to 5"), "{message}");
+}

@@ -96,7 +96,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     let all = stretch.windows(WINDOW_S);
     let windows = context.size.pick(all, QUICK_WINDOWS);
     // A few windows are taken from the middle: at its ends the stretch leaves the field of view's centre.
-    let path = Path { motion: &stretch, window_s: WINDOW_S, first: 0, windows };
+    let path = Path { motion: &stretch, window_s: WINDOW_S, first: (all - windows) / 2, windows };
     let seeds = &context.seeds;
     let runs = context.jobs("torso", seeds.len(), |k| {
         let followers = Estimators::new(&set).all(Budget::AtMost(BUDGET), MotionPrior::SLOW);

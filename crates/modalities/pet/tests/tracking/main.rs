@@ -7,4 +7,5 @@ mod few_lines;
 mod misuse;
 mod points;
 mod shapes;
+mod starts;
 mod support;
