@@ -364,9 +364,8 @@ impl Eskf {
         let since = measurement.at - nanoseconds(self.options.lag_s.0);
         let most = self.reacquire_after();
         // One refusal of a good sensor does not take back what it has vouched for within the lag; as many as lose a belief do.
-        let vouches = |other: &Streak| {
-            other.refused_in_a_row < most && other.vouched_at.is_some_and(|at| at >= since)
-        };
+        let vouches =
+            |other: &Streak| other.refused_in_a_row < most && other.vouched_at.is_some_and(|at| at >= since);
         let mut others = self.stage.streaks.iter().filter(|(name, _)| **name != measurement.sensor);
         let vouched = others.any(|(_, other)| vouches(other));
         (count >= most && !vouched)
