@@ -243,7 +243,7 @@ fn law_a_vague_prediction_gets_a_pose_and_a_far_one_too() {
                     truth * nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 3.0);
             }
             told.pose.world_from_capsule.translation.vector.z += off_m;
-            told.pose.covariance = nalgebra::Matrix6::from_diagonal(
+            told.pose.covariance = Matrix6::from_diagonal(
                 &nalgebra::Vector6::new(sigma_m, sigma_m, sigma_m, sigma_rad, sigma_rad, sigma_rad)
                     .map(|s| s * s),
             );
@@ -251,7 +251,7 @@ fn law_a_vague_prediction_gets_a_pose_and_a_far_one_too() {
                 panic!("window {} is refused", reading.sequence)
             };
             let fix = measured[0].fix.as_ref().expect("a pose");
-            let error = lumenav_core::pose::ominus(&fix.world_from_capsule, &truth);
+            let error = ominus(&fix.world_from_capsule, &truth);
             assert!(
                 error.fixed_rows::<3>(0).norm() < 2e-3 && error.fixed_rows::<3>(3).norm() < 0.4,
                 "{error}"

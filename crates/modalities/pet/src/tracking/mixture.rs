@@ -550,7 +550,7 @@ impl Mixture {
         self.memory.world_from_capsule = None;
         match failure {
             Failure::Ambiguous { .. } | Failure::Gathering { .. } if searching => {
-                self.remember(lines, &Isometry3::identity())
+                self.remember(lines, &Isometry3::identity());
             }
             _ => self.memory.recent.clear(),
         }
