@@ -187,11 +187,12 @@ fn write(out: &Path, force: bool, bound: &[WallPoint], behind: &[WallPoint]) -> 
         bail!("{} exists already; --force replaces it", there.display());
     }
     std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
-    let mut csv =
-        String::from("arc_length_m,mean_sv,largest_sv,mean_water_between_sv,largest_water_between_sv\n");
-    for (b, w) in bound.iter().zip(behind) {
-        csv += &format!("{},{},{},{},{}\n", b.arc_length_m, b.mean_sv, b.largest_sv, w.mean_sv, w.largest_sv);
-    }
+    let row = |(b, w): (&WallPoint, &WallPoint)| {
+        format!("{},{},{},{},{}", b.arc_length_m, b.mean_sv, b.largest_sv, w.mean_sv, w.largest_sv)
+    };
+    let head = "arc_length_m,mean_sv,largest_sv,mean_water_between_sv,largest_water_between_sv".to_owned();
+    let rows: Vec<String> = std::iter::once(head).chain(bound.iter().zip(behind).map(row)).collect();
+    let csv = rows.join("\n") + "\n";
     let curve = |points: &[WallPoint]| -> Vec<(f64, f64)> {
         points.iter().map(|p| (p.arc_length_m, 1e3 * p.largest_sv)).collect()
     };

@@ -5,7 +5,7 @@
 //!
 //! - **Not enough lines for a first pose.** Where two attitudes explain the first window nearly equally well, the answer is
 //!   [`Failure::Ambiguous`], and the next search is over the lines of up to [`STACK`] windows.
-//!   With `start_windows` above 1 the first pose is always that of so many windows together ([`start`]).
+//!   With `start_windows` above 1 the first pose is always that of so many windows together (file `mixture/start.rs`).
 //! - **A wrong order of the markers.** A flip of the near-isosceles triangle fits nearly as well as the truth and moves with it. Every
 //!   [`TEST_EVERY`] windows the last [`STACK`] are climbed again from every other order of the markers; a better one is taken.
 //!
