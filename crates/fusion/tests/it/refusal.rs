@@ -127,6 +127,23 @@ fn law_one_broken_sensor_does_not_lose_what_another_vouches_for() {
     assert_eq!(filter.counters().gated, 12 * 59 + 1);
 }
 
+/// A capsule that was thrown: both sensors see it elsewhere, and neither's word of a moment ago keeps the belief.
+#[test]
+fn law_sensors_that_are_all_refused_vouch_for_nothing() {
+    let mut filter = Eskf::new(EskfOptions::default(), Vec::new());
+    let mut lost_at = None;
+    for k in 0..30 {
+        let x_m = if k < 20 { 0.0 } else { 0.4 };
+        let second = position_fix("second", k, tenth(k) + 7_000_000, &Vector3::new(x_m, 0.0, 0.0), 2e-3);
+        for offered in [filter.offer(fix("first", k, x_m)), filter.offer(second)] {
+            lost_at = lost_at.or(offered.lost.map(|_| k));
+        }
+    }
+    // Three refusals of each, a third of a second; the lag within which an accepted word counts is two seconds.
+    assert_eq!(lost_at, Some(22));
+    assert_eq!(filter.counters().losses, 1);
+}
+
 /// An attitude that agrees says nothing of a position that does not: the refusals of the position count all the same.
 #[test]
 fn law_an_attitude_does_not_vouch_for_a_position() {

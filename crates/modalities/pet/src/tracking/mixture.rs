@@ -9,7 +9,8 @@
 //! - **A wrong order of the markers.** A flip of the near-isosceles triangle fits nearly as well as the truth and moves with it. Every
 //!   [`TEST_EVERY`] windows the last [`STACK`] are climbed again from every other order of the markers; a better one is taken.
 //!
-//! A search follows also where the place that was told or held has no lines (a capsule that comes back from out of view, a prediction
+//! In the same windows a search looks for another place that explains the window much better: a capsule that was thrown may be followed at a
+//! peak that is none of its orders. A search follows also where the place that was told or held has no lines (a capsule that comes back from out of view, a prediction
 //! that ran away), or the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
 //! marker set cannot tell apart are listed, and of them the nearest to the prior (or to the last pose) is the answer.
 
@@ -45,6 +46,9 @@ const REMEMBERED: usize = 20;
 const LEAST_SPREAD: f64 = 1.0;
 /// Another order is taken where it explains the windows better by this: odds of twenty to one.
 const BETTER: f64 = 3.0;
+/// Another place is taken where nothing speaks against the followed one but a search that finds more, by odds of e^10: some sixty attitudes
+/// and as many places are looked at, thirty times a minute.
+const ELSEWHERE: f64 = 10.0;
 /// A second attitude within this of the best makes a first pose ambiguous: odds of e^4.
 const AMBIGUOUS: f64 = 4.0;
 /// Poses whose markers agree within this are one, m: half of the shortest side.
@@ -277,6 +281,12 @@ impl Mixture {
         Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, FULL_STEPS))
     }
 
+    /// Whether place and order are to be tested in this window.
+    fn is_test_due(&self) -> bool {
+        let due = self.memory.windows % TEST_EVERY == TEST_EVERY - 1 && self.memory.recent.len() == STACK;
+        self.options.test_permutations && due
+    }
+
     /// Whether the log-likelihood per line fell out of what the last windows had.
     fn fell(&self, top: &Top) -> bool {
         let known = &self.memory.mean_log_likelihoods;
@@ -351,26 +361,32 @@ impl Mixture {
         };
         let followed = self.follow(lines, &start, velocity, contained.as_ref());
         match followed {
-            Ok(top) if top.converged && top.gain >= FOLLOWED_GAIN && !self.fell(&top) => Ok((top, None)),
+            Ok(top) if top.converged && top.gain >= FOLLOWED_GAIN && !self.fell(&top) => {
+                if !self.is_test_due() {
+                    return Ok((top, None));
+                }
+                self.relocalize(lines, Some(top), ELSEWHERE, &start, velocity, contained.as_ref())
+            }
             Err(failure @ Failure::TooFewLines { .. }) => Err(failure),
             other => {
                 let followed = other.ok();
-                self.relocalize(lines, followed, &start, velocity, contained.as_ref())
+                self.relocalize(lines, followed, BETTER, &start, velocity, contained.as_ref())
             }
         }
     }
 
-    /// A search beside the pose that was followed; the better of both.
+    /// A search beside the pose that was followed; what was found is taken where it gains more by `margin`.
     fn relocalize(
         &mut self,
         lines: &[Line],
         followed: Option<Top>,
+        margin: f64,
         start: &Isometry3<f64>,
         velocity_world_m_s: Vector3<f64>,
         contained: Option<&NormalPrior>,
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
         let found = self.find(lines);
-        let better = found.as_ref().is_ok_and(|f| followed.is_none_or(|t| f.gain > t.gain + BETTER));
+        let better = found.as_ref().is_ok_and(|f| followed.is_none_or(|t| f.gain > t.gain + margin));
         if better || followed.is_none() {
             let pose = found?.pose;
             return Ok((
@@ -496,6 +512,7 @@ impl Tracker for Mixture {
         out.roles.clear();
         out.roles.resize(lines.len(), Role::Unused);
         out.reinitialized = None;
+        let due = self.is_test_due();
         let located = self.locate(lines, prior);
         let done = located.and_then(|(top, why)| {
             self.answer(&top, prior, out)?;
@@ -522,8 +539,7 @@ impl Tracker for Mixture {
         }
         self.roles(&out.world_from_capsule, &mut out.roles);
         self.learn(lines, &top, out);
-        let due = self.memory.windows.is_multiple_of(TEST_EVERY) && self.memory.recent.len() == STACK;
-        if self.options.test_permutations && due {
+        if due && self.memory.recent.len() == STACK {
             self.test_order(lines, prior, out);
         }
         Ok(())
