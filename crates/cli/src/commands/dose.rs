@@ -18,8 +18,8 @@ use std::path::Path;
 
 /// Places around the lumen.
 const AROUND: usize = 12;
-/// Attenuation of 511 keV in water at body temperature, 1/m (NIST XCOM: 0.0958 cm²/g).
-const WATER_511_PER_M: f64 = 9.5;
+/// Attenuation of 511 keV in water, 1/m: n_e sigma_KN = 0.3343e24 /cm^3 x 0.2866 b, as in `models/phantoms`.
+const WATER_511_PER_M: f64 = 9.58;
 
 /// What is told of a stretch of the wall.
 #[derive(Debug, Serialize)]

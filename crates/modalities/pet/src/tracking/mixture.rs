@@ -9,9 +9,9 @@
 //! - **A wrong order of the markers.** A flip of the near-isosceles triangle fits nearly as well as the truth and moves with it. Every
 //!   [`TEST_EVERY`] windows the last [`STACK`] are climbed again from every other order of the markers; a better one is taken.
 //!
-//! In the same windows a search looks for another place that explains the window much better: a capsule that was thrown may be followed at a
-//! peak that is none of its orders. A search follows also where the place that was told or held has no lines (a capsule that comes back from out of view, a prediction
-//! that ran away), or the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
+//! In the same windows a search looks for another place that explains the window much better: a capsule that was thrown may be followed
+//! at a peak that is none of its orders. A search follows also where the place that was told or held has no lines (a capsule that comes
+//! back from out of view, a prediction that ran away), or the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
 //! marker set cannot tell apart are listed, and of them the nearest to the prior (or to the last pose) is the answer.
 
 mod start;
@@ -46,8 +46,8 @@ const REMEMBERED: usize = 20;
 const LEAST_SPREAD: f64 = 1.0;
 /// Another order is taken where it explains the windows better by this: odds of twenty to one.
 const BETTER: f64 = 3.0;
-/// Another place is taken where nothing speaks against the followed one but a search that finds more, by odds of e^10: some sixty attitudes
-/// and as many places are looked at, thirty times a minute.
+/// Another place is taken where nothing speaks against the followed one but a search that finds more, by odds of e^10: a search looks at
+/// eight attitudes about two places, and there are two a second at 20 windows a second.
 const ELSEWHERE: f64 = 10.0;
 /// A second attitude within this of the best makes a first pose ambiguous: odds of e^4.
 const AMBIGUOUS: f64 = 4.0;
@@ -268,9 +268,7 @@ impl Mixture {
         prior: Option<&NormalPrior>,
     ) -> Result<Top, Failure> {
         // Lines spread evenly over a window: their mean is its middle.
-        let times = lines.iter().map(|l| l.t_s).filter(|t| t.is_finite());
-        let (sum, count) = times.fold((0.0, 0_usize), |(sum, count), t| (sum + t, count + 1));
-        let at_s = sum / count.max(1) as f64;
+        let at_s = start::mean_time_s(lines).unwrap_or(0.0);
         let how = Preparation {
             about_world_m: self.place_of(start),
             velocity_world_m_s,

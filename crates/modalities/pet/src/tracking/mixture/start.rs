@@ -22,7 +22,7 @@ const ROUNDS: usize = 3;
 const TURN_RAD: f64 = 0.1;
 
 /// The mean time of a window's lines.
-fn mean_time_s(lines: &[Line]) -> Option<f64> {
+pub(super) fn mean_time_s(lines: &[Line]) -> Option<f64> {
     let times = lines.iter().map(|line| line.t_s).filter(|t| t.is_finite());
     let (sum, count) = times.fold((0.0, 0_usize), |(sum, count), t| (sum + t, count + 1));
     (count > 0).then(|| sum / count as f64)
