@@ -205,6 +205,10 @@ impl PetFrontEnd {
             return self.pose_outcome(reading, Some(prior));
         }
         self.insisting = 0;
+        if let Err(doubted @ Failure::Doubted { .. }) = tracked {
+            // The lines would only say that the filter is near the peak that it is at.
+            return refused(&doubted.to_string());
+        }
         let about = prior.world_from_capsule;
         let mut model = match self.window_about(&about, Some(prior), reading.at().seconds()) {
             Ok(model) => model,

@@ -29,6 +29,7 @@ pub mod budget;
 pub mod centroid;
 mod classic;
 mod climb;
+mod densest;
 pub mod estimate_markers;
 mod expected;
 pub mod failure;
@@ -226,6 +227,8 @@ pub struct Memory {
     pub marker_estimate: Option<estimate_markers::MarkerEstimate>,
     /// Velocity that a first pose from several windows came with, m/s (`mixture`).
     pub start_velocity_world_m_s: Option<Vector3<f64>>,
+    /// A search found that the followed pose, or the prediction, is wrong, and not yet which is right (`mixture`).
+    pub doubted: bool,
     /// The last windows: their lines and the pose given for each.
     pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
 }

@@ -12,11 +12,11 @@
 //! owns a line. 0 is the literal test.
 
 use super::failure::Failure;
-use super::lanes::{Four, LANES, Three, dot, splat3};
+use super::lanes::{Four, LANES, Three, dot, splat3, three};
 use super::thompson;
 use super::window::{FEWEST_LINES, Rays, Window};
 use nalgebra::{Matrix3, Vector3};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 /// How lines weigh in the centroid.
@@ -167,11 +167,8 @@ impl Centroid {
     /// Mean and spread of the distances from a point, and the furthest line.
     fn spread(&mut self, centre: &Vector3<f64>) -> Spread {
         let count = self.places.len();
-        let (kept, distances) = (&self.kept, &mut self.distances_m[..self.kept.len()]);
-        let (sum, squares, top) = Arch::new().dispatch(
-            #[inline(always)]
-            || distances_from(kept, centre, distances),
-        );
+        let out = &mut self.distances_m[..self.kept.len()];
+        let (sum, squares, top) = Arch::new().dispatch(DistancesFrom { kept: &self.kept, centre, out });
         let mean_m = sum / count as f64;
         let variance = (squares - sum * mean_m) / (count.max(2) - 1) as f64;
         let pack = self.distances_m[..self.kept.len()].iter().position(|d| d.0.contains(&top)).unwrap_or(0);
@@ -186,21 +183,31 @@ impl Centroid {
 }
 
 /// Sum of the distances, of their squares, and the largest.
-#[inline(always)]
-fn distances_from(kept: &[Rays], centre: &Vector3<f64>, out: &mut [Four]) -> (f64, f64, f64) {
-    let centre = splat3(centre);
-    let (mut sum, mut squares, mut top) = (Four::ZERO, Four::ZERO, Four::ZERO);
-    for (rays, out) in kept.iter().zip(out) {
-        let v: Three = std::array::from_fn(|i| rays.foot_m[i] - centre[i]);
-        let along = dot(&v, &rays.direction);
-        let squared = (dot(&v, &v) - along * along).max(Four::ZERO) * rays.filled;
-        let distance = squared.sqrt();
-        *out = distance;
-        sum += distance;
-        squares += squared;
-        top = distance.max(top);
+struct DistancesFrom<'a> {
+    kept: &'a [Rays],
+    centre: &'a Vector3<f64>,
+    out: &'a mut [Four],
+}
+
+impl WithSimd for DistancesFrom<'_> {
+    type Output = (f64, f64, f64);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let centre = splat3(self.centre);
+        let (mut sum, mut squares, mut top) = (Four::ZERO, Four::ZERO, Four::ZERO);
+        for (rays, out) in self.kept.iter().zip(self.out) {
+            let v: Three = three!(i => rays.foot_m[i] - centre[i]);
+            let along = dot(&v, &rays.direction);
+            let squared = (dot(&v, &v) - along * along).max(Four::ZERO) * rays.filled;
+            let distance = squared.sqrt();
+            *out = distance;
+            sum += distance;
+            squares += squared;
+            top = distance.max(top);
+        }
+        (sum.sum(), squares.sum(), top.0.iter().copied().fold(0.0, f64::max))
     }
-    (sum.sum(), squares.sum(), top.0.iter().copied().fold(0.0, f64::max))
 }
 
 /// `Σ (I - nnᵀ)` and `Σ f`.

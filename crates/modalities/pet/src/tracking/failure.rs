@@ -80,6 +80,12 @@ pub enum Failure {
         /// Log-likelihood of the second less that of the first.
         difference: f64,
     },
+    /// Other poses explain the lines much better than the followed one, but it is not clear which.
+    #[error("the followed pose is doubted: {why}")]
+    Doubted {
+        /// What the search for a better one ended with.
+        why: Box<Failure>,
+    },
     /// A marker has nearly no lines (than2015 section 5.5.1).
     #[error("marker {} has a share of {share:.4} of the lines (allowed: {allowed} or more)", marker + 1)]
     Share {

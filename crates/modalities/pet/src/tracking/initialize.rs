@@ -7,7 +7,7 @@
 use super::lanes::{Four, dot, splat3};
 use super::window::Rays;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Turns looked at: neighbours are 19 degrees apart, a third of what the refinement bridges.
 pub const TURNS: usize = 1024;
@@ -56,17 +56,10 @@ impl Search {
         centre: &Vector3<f64>,
         arms_m: &[Vector3<f64>],
     ) -> &[(f64, UnitQuaternion<f64>)] {
-        let (order, turns) = (&mut self.order, &self.turns);
+        let order = &mut self.order;
         order.clear();
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                for (i, turn) in turns.iter().enumerate() {
-                    order.push((cost(rays, centre, arms_m, turn), i as u32));
-                }
-            },
-        );
-        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        Arch::new().dispatch(Costs { rays, centre, arms_m, turns: &self.turns, order });
+        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         self.found.clear();
         for (cost, i) in &self.order {
             let turn = self.turns[*i as usize];
@@ -78,6 +71,26 @@ impl Search {
             }
         }
         &self.found
+    }
+}
+
+/// The costs of all turns, with their numbers, into `order`.
+struct Costs<'a> {
+    rays: &'a [Rays],
+    centre: &'a Vector3<f64>,
+    arms_m: &'a [Vector3<f64>],
+    turns: &'a [UnitQuaternion<f64>],
+    order: &'a mut Vec<(f64, u32)>,
+}
+
+impl WithSimd for Costs<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (i, turn) in self.turns.iter().enumerate() {
+            self.order.push((cost(self.rays, self.centre, self.arms_m, turn), i as u32));
+        }
     }
 }
 

@@ -19,12 +19,13 @@
 //! [`Likelihood::expected_information`] integrates `g gᵀ` over the model's own law of each line's offset (Gauss-Hermite under each
 //! component, weighted by the model's density over that of the markers alone).
 
-use super::lanes::{Four, Three, cross, splat3};
+use super::lanes::{Four, Three, cross, dot, exp_of, splat3, three};
 use super::noise::COMPONENTS;
 use super::window::{Shapes, Window};
 use lumenav_core::pose::skew;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
+use std::marker::PhantomData;
 
 /// Shares of markers and background.
 #[derive(Clone, Debug, PartialEq)]
@@ -143,11 +144,8 @@ pub(crate) fn pass<P: Purpose>(
         let mut all = [Placed::default(); J];
         let used = placed.len().min(J);
         all[..used].copy_from_slice(&placed[..used]);
-        let mut marker_sums = [MarkerSums::default(); J];
-        let sums = Arch::new().dispatch(
-            #[inline(always)]
-            || loop_over::<P, J>(shapes, &all, background, &mut marker_sums),
-        );
+        let loops = Loop::<P, J> { shapes, placed: &all, background, purpose: PhantomData };
+        let (sums, marker_sums) = Arch::new().dispatch(loops);
         of_marker[..used].copy_from_slice(&marker_sums[..used]);
         sums
     }
@@ -162,22 +160,30 @@ pub(crate) fn pass<P: Purpose>(
     }
 }
 
-#[inline(always)]
-fn loop_over<P: Purpose, const J: usize>(
-    shapes: &[Shapes],
-    placed: &[Placed; J],
+/// The loop over a window's packs.
+struct Loop<'a, P, const J: usize> {
+    shapes: &'a [Shapes],
+    placed: &'a [Placed; J],
     background: f64,
-    of_marker: &mut [MarkerSums; J],
-) -> Sums {
-    let mut sums = Sums { log_likelihood: Four::ZERO, background: Four::ZERO, outer: [Four::ZERO; 21] };
-    let at: [Three; J] = std::array::from_fn(|j| splat3(&placed[j].at_m));
-    let arms: [Three; J] = std::array::from_fn(|j| splat3(&placed[j].arm_m));
-    let weights: [Four; J] = std::array::from_fn(|j| Four::splat(placed[j].weight));
-    let share = Four::splat(background);
-    for s in shapes {
-        one_pack::<P, J>(s, &at, &arms, &weights, share, of_marker, &mut sums);
+    purpose: PhantomData<P>,
+}
+
+impl<P: Purpose, const J: usize> WithSimd for Loop<'_, P, J> {
+    type Output = (Sums, [MarkerSums; J]);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let mut of_marker = [MarkerSums::default(); J];
+        let mut sums = Sums { log_likelihood: Four::ZERO, background: Four::ZERO, outer: [Four::ZERO; 21] };
+        let at: [Three; J] = std::array::from_fn(|j| splat3(&self.placed[j].at_m));
+        let arms: [Three; J] = std::array::from_fn(|j| splat3(&self.placed[j].arm_m));
+        let weights: [Four; J] = std::array::from_fn(|j| Four::splat(self.placed[j].weight));
+        let share = Four::splat(self.background);
+        for s in self.shapes {
+            one_pack::<P, J>(s, &at, &arms, &weights, share, &mut of_marker, &mut sums);
+        }
+        (sums, of_marker)
     }
-    sums
 }
 
 #[inline(always)]
@@ -196,20 +202,19 @@ fn one_pack<P: Purpose, const J: usize>(
     let from_background = share * s.background;
     let mut total = from_background;
     for j in 0..J {
-        let x = s.at[0] - super::lanes::dot(&s.e1, &at[j]);
-        let y = s.at[1] - super::lanes::dot(&s.e2, &at[j]);
+        let x = s.at[0] - dot(&s.e1, &at[j]);
+        let y = s.at[1] - dot(&s.e2, &at[j]);
         u[j] = [x, y];
-        let (xx, xy, yy) = (x * x, (x + x) * y, y * y);
+        let (xx, xy, yy) = (half * x * x, -(x * y), half * y * y);
+        let q = exp_of(three!(k => quadratic(&s.precision[k], xx, xy, yy)));
         for k in 0..COMPONENTS {
-            let p = &s.precision[k];
-            let q = p[0] * xx + p[1] * xy + p[2] * yy;
-            e[j][k] = weights[j] * s.peak[k] * (half * q).exp();
+            e[j][k] = weights[j] * s.peak[k] * q[k];
             total += e[j][k];
         }
     }
-    sums.log_likelihood += s.filled * total.ln();
+    sums.log_likelihood = s.filled.mul_add(total.ln(), sums.log_likelihood);
     let inverse = s.filled / total;
-    sums.background += from_background * inverse;
+    sums.background = from_background.mul_add(inverse, sums.background);
     let mut score = [Four::ZERO; 6];
     for j in 0..J {
         let [x, y] = u[j];
@@ -218,34 +223,34 @@ fn one_pack<P: Purpose, const J: usize>(
         for k in 0..COMPONENTS {
             let p = &s.precision[k];
             let rho = e[j][k] * inverse;
-            let (px, py) = (p[0] * x + p[1] * y, p[1] * x + p[2] * y);
+            let (px, py) = (p[0].mul_add(x, p[1] * y), p[1].mul_add(x, p[2] * y));
             let (rx, ry) = (rho * px, rho * py);
             lines += rho;
             tx += rx;
             ty += ry;
             if P::OBSERVED {
-                w[0] += rho * p[0] - rx * px;
-                w[1] += rho * p[1] - rx * py;
-                w[2] += rho * p[2] - ry * py;
+                w[0] = rho.mul_add(p[0], (-rx).mul_add(px, w[0]));
+                w[1] = rho.mul_add(p[1], (-rx).mul_add(py, w[1]));
+                w[2] = rho.mul_add(p[2], (-ry).mul_add(py, w[2]));
             } else {
-                w[0] += rho * p[0];
-                w[1] += rho * p[1];
-                w[2] += rho * p[2];
+                for i in 0..3 {
+                    w[i] = rho.mul_add(p[i], w[i]);
+                }
             }
         }
         let m = &mut of_marker[j];
         m.lines += lines;
-        let force: Three = std::array::from_fn(|i| s.e1[i] * tx + s.e2[i] * ty);
+        let force: Three = three!(i => s.e1[i].mul_add(tx, s.e2[i] * ty));
         for i in 0..3 {
             m.force[i] += force[i];
         }
         // E^T W E, W symmetric.
-        let a: Three = std::array::from_fn(|i| s.e1[i] * w[0] + s.e2[i] * w[1]);
-        let b: Three = std::array::from_fn(|i| s.e1[i] * w[1] + s.e2[i] * w[2]);
+        let a: Three = three!(i => s.e1[i].mul_add(w[0], s.e2[i] * w[1]));
+        let b: Three = three!(i => s.e1[i].mul_add(w[1], s.e2[i] * w[2]));
         let mut n = 0;
         for i in 0..3 {
             for l in i..3 {
-                m.curvature[n] += a[i] * s.e1[l] + b[i] * s.e2[l];
+                m.curvature[n] = a[i].mul_add(s.e1[l], b[i].mul_add(s.e2[l], m.curvature[n]));
                 n += 1;
             }
         }
@@ -261,11 +266,17 @@ fn one_pack<P: Purpose, const J: usize>(
         let mut n = 0;
         for i in 0..6 {
             for l in i..6 {
-                sums.outer[n] += score[i] * score[l];
+                sums.outer[n] = score[i].mul_add(score[l], sums.outer[n]);
                 n += 1;
             }
         }
     }
+}
+
+/// `P · (xx, xy, yy)`.
+#[inline(always)]
+fn quadratic(precision: &Three, xx: Four, xy: Four, yy: Four) -> Four {
+    dot(precision, &[xx, xy, yy])
 }
 
 /// A symmetric 3 x 3 matrix from its upper triangle.
@@ -373,7 +384,7 @@ impl Likelihood {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
         let mut information = Matrix6::zeros();
-        for (k, index) in window.indices.iter().enumerate() {
+        for (k, index) in window.near_indices.iter().enumerate() {
             let (shape, lane) = (&window.shapes[k / super::lanes::LANES], k % super::lanes::LANES);
             let one = super::expected::of_line(shape, lane, &placed[..used], weights.background);
             information += one * count(*index as usize);
@@ -394,34 +405,76 @@ fn to_capsule_axes(information: &Matrix6<f64>, r: &Matrix3<f64>) -> Matrix6<f64>
 
 /// `Σ ln p_i` of markers at these places.
 pub(crate) fn value(shapes: &[Shapes], placed: &[Placed], background: f64) -> f64 {
-    Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            let mut sum = Four::ZERO;
-            for s in shapes {
-                let mut total = Four::splat(background) * s.background;
-                for p in placed {
-                    total += density(s, p);
-                }
-                sum += s.filled * total.ln();
+    Arch::new().dispatch(Value { shapes, placed, background })
+}
+
+struct Value<'a> {
+    shapes: &'a [Shapes],
+    placed: &'a [Placed],
+    background: f64,
+}
+
+impl WithSimd for Value<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let mut sum = Four::ZERO;
+        for s in self.shapes {
+            let mut total = Four::splat(self.background) * s.background;
+            for p in self.placed {
+                total += density(s, p);
             }
-            sum.sum()
-        },
-    )
+            sum += s.filled * total.ln();
+        }
+        sum.sum()
+    }
+}
+
+/// The likeliest origin of each line: a marker's number, or -1 for the background.
+pub(crate) fn likeliest_origins(
+    shapes: &[Shapes],
+    placed: &[Placed],
+    background: f64,
+    origins: &mut Vec<Four>,
+) {
+    origins.clear();
+    Arch::new().dispatch(Origins { shapes, placed, background, origins });
+}
+
+struct Origins<'a> {
+    shapes: &'a [Shapes],
+    placed: &'a [Placed],
+    background: f64,
+    origins: &'a mut Vec<Four>,
+}
+
+impl WithSimd for Origins<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for s in self.shapes {
+            let mut most = Four::splat(self.background) * s.background;
+            let mut origin = Four::splat(-1.0);
+            for (marker, p) in self.placed.iter().enumerate() {
+                let of_marker = density(s, p);
+                origin = most.less_select(of_marker, Four::splat(marker as f64), origin);
+                most = of_marker.max(most);
+            }
+            self.origins.push(origin);
+        }
+    }
 }
 
 /// What one marker adds to the density of four lines.
 #[inline(always)]
-pub(crate) fn density(s: &Shapes, p: &Placed) -> Four {
+fn density(s: &Shapes, p: &Placed) -> Four {
     let at = splat3(&p.at_m);
-    let x = s.at[0] - super::lanes::dot(&s.e1, &at);
-    let y = s.at[1] - super::lanes::dot(&s.e2, &at);
-    let (xx, xy, yy) = (x * x, (x + x) * y, y * y);
-    let mut sum = Four::ZERO;
-    for k in 0..COMPONENTS {
-        let c = &s.precision[k];
-        let q = c[0] * xx + c[1] * xy + c[2] * yy;
-        sum += s.peak[k] * (Four::splat(-0.5) * q).exp();
-    }
-    sum * Four::splat(p.weight)
+    let x = s.at[0] - dot(&s.e1, &at);
+    let y = s.at[1] - dot(&s.e2, &at);
+    let half = Four::splat(-0.5);
+    let (xx, xy, yy) = (half * x * x, -(x * y), half * y * y);
+    let q = exp_of(three!(k => quadratic(&s.precision[k], xx, xy, yy)));
+    dot(&s.peak, &q) * Four::splat(p.weight)
 }

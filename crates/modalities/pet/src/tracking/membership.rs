@@ -9,11 +9,11 @@
 //! `n_iz² - 1` belongs, eq. 3.10 lacks a minus that 6.22 has. Here A is positive semidefinite and d points from marker to line.
 //! Distances below 1 um count as 1 um, so that a line through a marker is its own and nothing divides by zero.
 
-use super::lanes::{Four, Three, dot, splat3};
+use super::lanes::{Four, Three, dot, splat3, three};
 use super::likelihood::MAX_MARKERS;
 use super::window::Rays;
 use nalgebra::{Matrix3, Vector3};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Exponent of the memberships.
 pub const FUZZINESS: f64 = 1.6;
@@ -35,6 +35,13 @@ pub(crate) struct Share {
     pub(crate) matrix: Matrix3<f64>,
 }
 
+/// Relative activity f of a marker, and f^q.
+#[derive(Clone, Copy)]
+struct Activity {
+    plain: Four,
+    powered: Four,
+}
+
 #[derive(Clone, Copy, Default)]
 struct Sums {
     members: Four,
@@ -54,20 +61,12 @@ pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out
         let used = places_m.len().min(J);
         let place = |k: usize| places_m.get(k).copied().unwrap_or_default();
         let at: [Three; J] = std::array::from_fn(|k| splat3(&place(k)));
-        // Empty places: a logarithm so low that they own nothing.
-        let log_share: [Four; J] =
-            std::array::from_fn(|k| Four::splat(shares.get(k).map_or(-600.0, |f| f.max(1e-9).ln())));
-        let mut sums = [Sums::default(); J];
-        let cost_m2 = Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                let mut cost = Four::ZERO;
-                for r in rays {
-                    cost += one_pack::<J>(r, &at, &log_share, &mut sums);
-                }
-                cost.sum()
-            },
-        );
+        // Empty places have no share and own nothing.
+        let share: [Activity; J] = std::array::from_fn(|k| {
+            let f = shares.get(k).map_or(0.0, |f| f.max(1e-9));
+            Activity { plain: Four::splat(f), powered: Four::splat(f.powf(FUZZINESS)) }
+        });
+        let (cost_m2, sums) = Arch::new().dispatch(Loop { rays, at: &at, share: &share });
         for (share, s) in out.iter_mut().zip(&sums[..used]) {
             *share = Share {
                 members: s.members.sum(),
@@ -85,45 +84,63 @@ pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out
     }
 }
 
+/// The loop over a window's packs.
+struct Loop<'a, const J: usize> {
+    rays: &'a [Rays],
+    at: &'a [Three; J],
+    share: &'a [Activity; J],
+}
+
+impl<const J: usize> WithSimd for Loop<'_, J> {
+    type Output = (f64, [Sums; J]);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let mut sums = [Sums::default(); J];
+        let mut cost = Four::ZERO;
+        for r in self.rays {
+            cost += one_pack::<J>(r, self.at, self.share, &mut sums);
+        }
+        (cost.sum(), sums)
+    }
+}
+
 #[inline(always)]
-fn one_pack<const J: usize>(r: &Rays, at: &[Three; J], log_share: &[Four; J], sums: &mut [Sums; J]) -> Four {
-    let power = Four::splat(-1.0 / (FUZZINESS - 1.0));
+fn one_pack<const J: usize>(r: &Rays, at: &[Three; J], share: &[Activity; J], sums: &mut [Sums; J]) -> Four {
+    // With y = d^(-2/3), m^(-2/3): d^(-2/(q-1)) = y⁵ and its q-th power y⁸, q = 1.6.
     let mut squared = [Four::ZERO; J];
-    let mut logs = [Four::ZERO; J];
-    let mut least = Four::splat(f64::INFINITY);
+    let mut roots = [Four::ZERO; J];
+    let mut total = Four::splat(f64::MIN_POSITIVE);
     for k in 0..J {
-        let v: Three = std::array::from_fn(|i| r.foot_m[i] - at[k][i]);
+        let v: Three = three!(i => r.foot_m[i] - at[k][i]);
         let along = dot(&v, &r.direction);
         squared[k] = (dot(&v, &v) - along * along).max(Four::splat(SMALLEST_M2));
-        logs[k] = log_share[k] + power * squared[k].ln();
-        least = (-logs[k]).min(least);
+        roots[k] = squared[k].inverse_cube_root();
+        let y2 = roots[k] * roots[k];
+        total = (share[k].plain * roots[k]).mul_add(y2 * y2, total);
     }
-    // Largest logarithm taken out, so that nothing overflows.
-    let mut total = Four::ZERO;
-    for log in &mut logs {
-        *log += least;
-        total += log.exp();
-    }
-    let log_total = total.ln();
+    let inverse = Four::splat(1.0) / total;
+    let powered = (Four::splat(-FUZZINESS) * total.ln()).exp();
     let reach = Four::splat(REACH_M * REACH_M);
     let mut cost = Four::ZERO;
     for k in 0..J {
-        let log = logs[k] - log_total;
         let inside = squared[k].less_select(reach, r.filled, Four::ZERO);
-        let u = log.exp() * inside;
-        let w = (Four::splat(FUZZINESS) * log).exp() * inside;
+        let y2 = roots[k] * roots[k];
+        let y4 = y2 * y2;
+        let u = share[k].plain * roots[k] * y4 * inverse * inside;
+        let w = share[k].powered * y4 * y4 * powered * inside;
         let s = &mut sums[k];
         s.members += u;
         s.weight += w;
-        cost += w * squared[k];
+        cost = w.mul_add(squared[k], cost);
         let n = &r.direction;
-        let wn: Three = std::array::from_fn(|i| w * n[i]);
+        let wn: Three = three!(i => w * n[i]);
         for i in 0..3 {
-            s.side[i] += w * r.foot_m[i];
+            s.side[i] = w.mul_add(r.foot_m[i], s.side[i]);
         }
         let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
         for (sum, (i, l)) in s.matrix.iter_mut().zip(pairs) {
-            *sum += wn[i] * n[l];
+            *sum = wn[i].mul_add(n[l], *sum);
         }
     }
     cost

@@ -11,8 +11,10 @@
 //!
 //! In the same windows a search looks for another place that explains the window much better: a capsule that was thrown may be followed
 //! at a peak that is none of its orders. A search follows also where the place that was told or held has no lines (a capsule that comes
-//! back from out of view, a prediction that ran away), or the mean log-likelihood per line falls by [`FALL_SD`] of its own standard deviations. Poses that the
-//! marker set cannot tell apart are listed, and of them the nearest to the prior (or to the last pose) is the answer.
+//! back from out of view, a prediction that ran away), or the mean log-likelihood per line falls by [`FALL_SD`] of its own standard
+//! deviations. Where it finds two poses that both explain the lines better than the followed one, that one is *doubted*: no answer is
+//! given, and no prediction looked at, until the next windows tell which. Poses that the marker set cannot tell apart are listed, and
+//! of them the nearest to the prior (or to the last pose) is the answer.
 
 mod start;
 
@@ -20,13 +22,14 @@ use super::body::Body;
 use super::budget::Budget;
 use super::centroid::{Centroid, Weight};
 use super::climb::{Climber, Limits, NormalPrior, SharePrior, Top, covariance};
+use super::densest::{densest, distance_m};
 use super::estimate_markers::MarkerEstimate;
 use super::failure::Failure;
 use super::initialize::Search;
-use super::likelihood::{Likelihood, density};
+use super::lanes::Four;
+use super::likelihood::{Likelihood, likeliest_origins};
 use super::noise::LineNoise;
-use super::points::{densest, distance_m};
-use super::window::{Preparation, Window, is_usable};
+use super::window::{Preparation, Window};
 use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked, Tracker};
 use crate::line::Line;
 use crate::markers::MarkerSet;
@@ -70,6 +73,12 @@ const SEARCHED_GAIN: f64 = 28.0;
 /// place where scattered lines happen to crowd does not.
 const LEAST_TRUE_SHARE: f64 = 0.2;
 const LEAST_NEAR_SHARE: f64 = 0.5;
+/// Lines that a search looks at: beyond, more of them tell attitudes apart no better than 600 of which 120 are true.
+const SEARCH_LINES: usize = 600;
+/// Lines of each window that a test of the markers' order looks at.
+const TEST_LINES: usize = 300;
+/// An order that is behind by this after some windows is not looked at in the others: odds of e^20.
+const HOPELESS: f64 = 20.0;
 /// Steps of a climb from a candidate and in a test.
 const SEARCH_STEPS: u32 = 15;
 const TEST_STEPS: u32 = 6;
@@ -119,6 +128,7 @@ pub struct Mixture {
     climber: Climber,
     tops: Vec<Top>,
     stack: Vec<Line>,
+    origins: Vec<Four>,
 }
 
 impl Mixture {
@@ -138,6 +148,7 @@ impl Mixture {
             search: Search::default(),
             tops: Vec::new(),
             stack: Vec::new(),
+            origins: Vec::new(),
             body,
             noise,
             options,
@@ -167,15 +178,23 @@ impl Mixture {
         6 * LINES_PER_FREEDOM
     }
 
+    /// Lines that a search looks at.
+    fn search_budget(&self) -> usize {
+        self.budget().map_or(SEARCH_LINES, |most| most.min(SEARCH_LINES))
+    }
+
     /// The pose that explains these lines best, of all attitudes about two places: the lines' centroid, and where most lines pass. The
     /// first needs no pair of lines to meet; the second is not drawn away where few lines are true.
     fn find(&mut self, lines: &[Line]) -> Result<Top, Failure> {
         self.tops.clear();
         let by_centroid = self.search(lines);
-        let usable: Vec<&Line> = lines.iter().filter(|line| is_usable(line)).collect();
-        if let Some(place) = densest(&usable) {
-            let passes = |line: &&&Line| distance_m(line, &place) < self.noise.background_radius_m;
-            let near: Vec<Line> = usable.iter().filter(passes).map(|line| **line).collect();
+        let looked_at: Vec<Line> = self.window.indices.iter().map(|index| lines[*index as usize]).collect();
+        let usable: Vec<&Line> = looked_at.iter().collect();
+        if let Some(place) = densest(&usable)
+            && !self.is_found_at(&place)
+        {
+            let passes = |line: &&Line| distance_m(line, &place) < self.noise.background_radius_m;
+            let near: Vec<Line> = looked_at.iter().filter(passes).copied().collect();
             // Where this finds nothing, what the centroid found is left.
             let _ = self.search(&near);
         }
@@ -183,14 +202,19 @@ impl Mixture {
             by_centroid?;
         }
         self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        let looked_at = self.budget().map_or(lines.len(), |most| most.min(lines.len()));
-        self.unambiguous(looked_at)
+        self.unambiguous(looked_at.len())
+    }
+
+    /// Whether the best top so far has its markers where most lines pass: all attitudes were tried there.
+    fn is_found_at(&self, place_world_m: &Vector3<f64>) -> bool {
+        let best = self.tops.iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+        best.is_some_and(|top| (self.place_of(&top.pose) - place_world_m).norm() < self.body.spared_m)
     }
 
     /// Climbs from all candidates of a search in `self.window`; the tops are added to `self.tops`.
     fn search(&mut self, lines: &[Line]) -> Result<(), Failure> {
         let about = self.memory.centroid_world_m.unwrap_or_default();
-        let how = Preparation { budget: self.budget(), ..Preparation::about(about) };
+        let how = Preparation { budget: Some(self.search_budget()), ..Preparation::about(about) };
         self.window.load(lines, &how, self.needed())?;
         let centre = self.centroid.find(&self.window, Weight::Uniform, self.body.spared_m)?;
         self.window.move_origin(&(about + centre));
@@ -300,12 +324,13 @@ impl Mixture {
 
     /// Climbs the last windows again from every other order of the markers; the turn that explains them better, if one does.
     fn better_order(&mut self) -> Option<nalgebra::Rotation3<f64>> {
-        let count = self.body.permutations.len();
-        let mut sums = vec![0.0; count];
         let mut here = 0.0;
+        let mut others: Vec<(f64, usize)> =
+            (0..self.body.permutations.len()).map(|turn| (0.0, turn)).collect();
         for at in 0..self.memory.recent.len() {
             let (lines, pose) = &self.memory.recent[at];
-            let how = Preparation::about(pose.transform_point(&self.body.centroid_m.into()).coords);
+            let about = Preparation::about(pose.transform_point(&self.body.centroid_m.into()).coords);
+            let how = Preparation { budget: Some(TEST_LINES), ..about };
             if self.other.prepare(lines, &self.noise, &how, 1).is_err() {
                 continue;
             }
@@ -315,12 +340,13 @@ impl Mixture {
                     .objective
             };
             here += climb(pose);
-            for (sum, turn) in sums.iter_mut().zip(&self.body.permutations) {
-                *sum += climb(&self.body.turned(pose, turn));
+            for (sum, turn) in &mut others {
+                *sum += climb(&self.body.turned(pose, &self.body.permutations[*turn]));
             }
+            others.retain(|(sum, _)| *sum > here - HOPELESS);
         }
-        let best = (0..count).max_by(|a, b| sums[*a].total_cmp(&sums[*b]))?;
-        (sums[best] - here > BETTER).then(|| self.body.permutations[best])
+        let (best, turn) = others.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (best - here > BETTER).then(|| self.body.permutations[turn])
     }
 
     fn remember(&mut self, lines: &[Line], pose: &Isometry3<f64>) {
@@ -348,6 +374,9 @@ impl Mixture {
             Some(NormalPrior { mean: p.world_from_capsule, information: p.covariance.cholesky()?.inverse() })
         });
         let velocity = hint.map_or_else(Vector3::zeros, |p| p.velocity_world_m_s);
+        if self.memory.doubted {
+            return self.resolve_doubt(lines);
+        }
         let start = hint.map(|p| p.world_from_capsule).or(self.memory.world_from_capsule);
         let Some(start) = start else {
             let why = if self.memory.windows == 0 {
@@ -373,7 +402,8 @@ impl Mixture {
         }
     }
 
-    /// A search beside the pose that was followed; what was found is taken where it gains more by `margin`.
+    /// A search beside the pose that was followed; what was found is taken where it gains more by `margin`. Where that is ambiguous, the
+    /// followed pose is doubted: it is not the answer, nor is a prediction looked at until a search has told.
     fn relocalize(
         &mut self,
         lines: &[Line],
@@ -384,15 +414,53 @@ impl Mixture {
         contained: Option<&NormalPrior>,
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
         let found = self.find(lines);
-        let better = found.as_ref().is_ok_and(|f| followed.is_none_or(|t| f.gain > t.gain + margin));
-        if better || followed.is_none() {
-            let pose = found?.pose;
-            return Ok((
-                self.follow(lines, &pose, Vector3::zeros(), None)?,
-                Some(Reinitialized::LikelihoodFell),
-            ));
+        let most = self.tops.first().map_or(f64::NEG_INFINITY, |top| top.gain);
+        let here = followed.map_or(f64::NEG_INFINITY, |top| self.gain_in_search(lines, &top));
+        match found {
+            Ok(top) if most > here + margin => {
+                let top = self.follow(lines, &top.pose, Vector3::zeros(), None)?;
+                return Ok((top, Some(Reinitialized::LikelihoodFell)));
+            }
+            Err(failure @ Failure::Ambiguous { .. }) if followed.is_some() && most > here + ELSEWHERE => {
+                self.memory.doubted = true;
+                return Err(self.doubt(failure));
+            }
+            Err(failure) if followed.is_none() => return Err(failure),
+            _ => {}
         }
         Ok((self.follow(lines, start, velocity_world_m_s, contained)?, None))
+    }
+
+    /// The gain of a top over the lines that a search looks at.
+    fn gain_in_search(&mut self, lines: &[Line], top: &Top) -> f64 {
+        if lines.len() <= self.search_budget() {
+            return top.gain;
+        }
+        let about = Preparation::about(self.place_of(&top.pose));
+        let how = Preparation { budget: Some(self.search_budget()), ..about };
+        if self.other.prepare(lines, &self.noise, &how, self.needed()).is_err() {
+            return f64::NEG_INFINITY;
+        }
+        let climber = &mut self.climber;
+        climber.climb(&self.likelihood, &self.other, &top.pose, &self.shares, None, TEST_STEPS).gain
+    }
+
+    /// A search in place of a pose that is doubted. The doubt ends where a search finds one pose, or no sign of another.
+    fn resolve_doubt(&mut self, lines: &[Line]) -> Result<(Top, Option<Reinitialized>), Failure> {
+        match self.first_pose(lines) {
+            Ok(top) => {
+                self.memory.doubted = false;
+                Ok((top, Some(Reinitialized::LikelihoodFell)))
+            }
+            Err(failure) => {
+                self.memory.doubted = matches!(failure, Failure::Ambiguous { .. });
+                Err(self.doubt(failure))
+            }
+        }
+    }
+
+    fn doubt(&self, failure: Failure) -> Failure {
+        if self.memory.doubted { Failure::Doubted { why: Box::new(failure) } } else { failure }
     }
 
     /// Checks that a pose is one, and writes it.
@@ -440,24 +508,18 @@ impl Mixture {
     }
 
     /// The likeliest origin of each line.
-    fn roles(&self, pose: &Isometry3<f64>, roles: &mut [Role]) {
+    fn roles(&mut self, pose: &Isometry3<f64>, roles: &mut [Role]) {
         let mut placed = [super::likelihood::Placed::default(); super::likelihood::MAX_MARKERS];
         let weights = &self.climber.weights;
         let used = self.likelihood.place(pose, &self.window.origin_world_m, weights, &mut placed);
-        for (pack, shape) in self.window.shapes.iter().enumerate() {
-            let mut best = shape.background.0.map(|b| (b * weights.background, Role::Background));
-            for (j, p) in placed[..used].iter().enumerate() {
-                let of_marker = density(shape, p).0;
-                for (best, value) in best.iter_mut().zip(of_marker) {
-                    if value > best.0 {
-                        *best = (value, Role::Marker(j as u8));
-                    }
-                }
-            }
-            for (lane, (_, role)) in best.into_iter().enumerate() {
-                if let Some(index) = self.window.indices.get(pack * super::lanes::LANES + lane) {
-                    roles[*index as usize] = role;
-                }
+        likeliest_origins(&self.window.shapes, &placed[..used], weights.background, &mut self.origins);
+        for index in &self.window.indices {
+            roles[*index as usize] = Role::Background;
+        }
+        let of_lines = self.origins.iter().flat_map(|pack| pack.0);
+        for (origin, index) in of_lines.zip(&self.window.near_indices) {
+            if origin >= 0.0 {
+                roles[*index as usize] = Role::Marker(origin as u8);
             }
         }
     }
@@ -563,7 +625,7 @@ impl Mixture {
         let searching = self.memory.world_from_capsule.is_none();
         self.memory.world_from_capsule = None;
         match failure {
-            Failure::Ambiguous { .. } | Failure::Gathering { .. } if searching => {
+            Failure::Ambiguous { .. } | Failure::Gathering { .. } | Failure::Doubted { .. } if searching => {
                 self.remember(lines, &Isometry3::identity());
             }
             _ => self.memory.recent.clear(),

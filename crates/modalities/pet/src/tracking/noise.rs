@@ -18,6 +18,7 @@
 //! photon's way, so across the line it is the line's error), and fits both laws ([`BlockNoise::of_samples`]). No label of any
 //! simulated or recorded line enters. [`BlockNoise::reference`] holds an independent study's numbers for 4 x 6 x 20 mm GSO crystals.
 
+use super::lanes::{Four, LANES, Three};
 use crate::scanner::Scanner;
 use crate::simulation::block::{BlockPhysics, kill_energy_ev, passes_window};
 use crate::simulation::source::ANNIHILATION_EV;
@@ -255,12 +256,20 @@ impl LineNoise {
         }
     }
 
-    /// The block whose frame a place is told in.
-    pub(crate) fn block_at(&self, place_world_m: &Vector3<f64>) -> u32 {
+    /// The blocks whose frames four places are told in.
+    #[inline(always)]
+    pub(crate) fn blocks_at(&self, places_world_m: &Three) -> [u32; LANES] {
         if self.slots.is_empty() {
-            return self.heads.nearest_block(place_world_m) as u32;
+            return self.nearest_blocks(places_world_m);
         }
-        self.slots[slot_of(place_world_m.x, place_world_m.y)]
+        slots_of(places_world_m[0], places_world_m[1]).map(|slot| self.slots[slot])
+    }
+
+    fn nearest_blocks(&self, places_world_m: &Three) -> [u32; LANES] {
+        std::array::from_fn(|lane| {
+            let place = Vector3::from(places_world_m.map(|axis| axis.0[lane]));
+            self.heads.nearest_block(&place) as u32
+        })
     }
 
     #[inline(always)]
@@ -270,11 +279,13 @@ impl LineNoise {
     }
 }
 
-/// Which slot a direction from the axis falls into: the "diamond angle", which grows with the angle and needs no arc tangent.
-fn slot_of(x: f64, y: f64) -> usize {
-    let around = x / (x.abs() + y.abs()).max(f64::MIN_POSITIVE);
-    let turn = if y >= 0.0 { 1.0 + around } else { 3.0 - around };
-    ((turn * (SLOTS as f64 / 4.0)) as usize).min(SLOTS - 1)
+/// Which slots four directions from the axis fall into: the "diamond angle", which grows with the angle and needs no arc tangent.
+#[inline(always)]
+fn slots_of(x: Four, y: Four) -> [usize; LANES] {
+    let sum = (-x).max(x) + (-y).max(y);
+    let around = x / sum.max(Four::splat(f64::MIN_POSITIVE));
+    let turn = y.less_select(Four::ZERO, Four::splat(3.0) - around, Four::splat(1.0) + around);
+    (turn * Four::splat(SLOTS as f64 / 4.0)).0.map(|slot| (slot as usize).min(SLOTS - 1))
 }
 
 /// Block by slot, where all blocks stand upright on rings about the axis, so that a direction tells the frame.
@@ -307,6 +318,7 @@ fn slots(scanner: &Scanner) -> Vec<u32> {
 mod tests {
     use super::*;
     use crate::scanner::CrystalIndex;
+    use crate::tracking::lanes::splat3;
     use lumenav_core::Node;
     use std::path::Path;
 
@@ -324,7 +336,8 @@ mod tests {
             for x in 0..scanner.blocks.len() as u32 * scanner.grid.columns {
                 let crystal = CrystalIndex { x, z: 3 };
                 let place = scanner.position(crystal).unwrap();
-                wrong += usize::from(scanner.block_of(crystal) != Some(noise.block_at(&place) as usize));
+                let found = noise.blocks_at(&splat3(&place))[2];
+                wrong += usize::from(scanner.block_of(crystal) != Some(found as usize));
             }
             // The border between two blocks falls into one slot of 0.18 degrees: a crystal beside it may be told in its neighbour's frame.
             assert!(wrong <= scanner.blocks.len(), "{name}: {wrong}");

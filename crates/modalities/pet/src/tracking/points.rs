@@ -15,6 +15,7 @@
 //! from; then the next point among the lines that pass the found ones by. New points are put in order of x, then y, then z, so that two
 //! trackers shown the same lines give them the same numbers.
 
+use super::densest::{PASSING_M, densest, distance_m};
 use super::failure::Failure;
 use super::likelihood::{Evaluation, Likelihood, Weights};
 use super::noise::LineNoise;
@@ -30,14 +31,6 @@ const LINES_NEEDED: usize = 6;
 /// 100³ places that can be told apart.
 const FOLLOWED_GAIN: f64 = 10.5;
 const SEARCHED_GAIN: f64 = 24.0;
-/// Places looked at in a search: with a fifth of the lines from a point, one pair in 25 meets there, so 16 places of 400.
-const CANDIDATES: usize = 400;
-/// Pairs of lines tried for a place.
-const PAIRS: usize = 20 * CANDIDATES;
-/// Scale of the count of lines that pass a place, m: the spread of a scanner's lines about their source, 1.5 to 4 mm.
-const PASSING_M: f64 = 4e-3;
-/// Two lines at less than this angle do not tell where they meet, sine.
-const LEAST_SINE: f64 = 0.05;
 /// Steps of a climb.
 const STEPS: u32 = 40;
 /// Longest step, m.
@@ -331,47 +324,4 @@ fn damped(
 /// Order of new points; one that is none comes last.
 fn order(point: &Result<TrackedPoint, Failure>) -> [f64; 3] {
     point.as_ref().map_or([f64::INFINITY; 3], |p| p.position_world_m.into())
-}
-
-/// Distance of a place from a line, m.
-pub(crate) fn distance_m(line: &Line, at: &Vector3<f64>) -> f64 {
-    let along = line.ends_world_m[1] - line.ends_world_m[0];
-    (at - line.ends_world_m[0]).cross(&along).norm() / along.norm()
-}
-
-/// The middle of two lines where they come nearest, if they nearly meet between their ends.
-fn meeting(a: &Line, b: &Line) -> Option<Vector3<f64>> {
-    let (from, to) = (a.ends_world_m[0], b.ends_world_m[0]);
-    let (u, v) = (a.ends_world_m[1] - from, b.ends_world_m[1] - to);
-    let normal = u.cross(&v);
-    let squared = normal.norm_squared();
-    if !(squared > LEAST_SINE * LEAST_SINE * u.norm_squared() * v.norm_squared()) {
-        return None;
-    }
-    let between = to - from;
-    if between.dot(&normal).abs() > PASSING_M * squared.sqrt() {
-        return None;
-    }
-    let s = between.cross(&v).dot(&normal) / squared;
-    let t = between.cross(&u).dot(&normal) / squared;
-    let inside = (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t);
-    inside.then(|| ((from + u * s) + (to + v * t)) * 0.5)
-}
-
-/// Of the places where two lines nearly meet, the one that most lines pass.
-pub(crate) fn densest(lines: &[&Line]) -> Option<Vector3<f64>> {
-    let passing = |at: &Vector3<f64>| -> f64 {
-        let of = |line: &&Line| (-0.5 * (distance_m(line, at) / PASSING_M).powi(2)).exp();
-        lines.iter().map(of).sum()
-    };
-    let count = lines.len();
-    // Pairs at growing distances in the list: every line is tried with many others, in an order that depends on nothing.
-    let pairs = (1..count).flat_map(|apart| (0..count - apart).map(move |i| (i, i + apart)));
-    pairs
-        .take(PAIRS)
-        .filter_map(|(i, j)| meeting(lines[i], lines[j]))
-        .take(CANDIDATES)
-        .map(|at| (passing(&at), at))
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, at)| at)
 }

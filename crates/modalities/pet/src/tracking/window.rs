@@ -7,11 +7,11 @@
 //! the 13 mm of a marker set it changes by less than 3 per cent.
 
 use super::failure::Failure;
-use super::lanes::{Four, LANES, Three, cross, dot};
+use super::lanes::{Four, LANES, Three, cross, dot, splat3, three};
 use super::noise::{COMPONENTS, LineNoise};
 use crate::line::{Line, SHORTEST_LINE_M};
 use nalgebra::Vector3;
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Where four lines run.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,7 +37,7 @@ pub(crate) struct Shapes {
     pub(crate) peak: [Four; COMPONENTS],
     /// Density of the background at the markers, 1/m².
     pub(crate) background: Four,
-    /// 1 for a line that passes near, else 0.
+    /// 1 for a line, 0 for a pack's empty places.
     pub(crate) filled: Four,
 }
 
@@ -47,7 +47,6 @@ struct Ends {
     a: Three,
     b: Three,
     filled: Four,
-    blocks: [[u32; LANES]; 2],
 }
 
 /// A window of lines, prepared.
@@ -55,12 +54,15 @@ struct Ends {
 pub struct Window {
     pub(crate) origin_world_m: Vector3<f64>,
     pub(crate) rays: Vec<Rays>,
+    /// Of the lines that pass near: the others are no one's, they count for nothing.
     pub(crate) shapes: Vec<Shapes>,
     /// Index in the given slice of each line that is in.
     pub(crate) indices: Vec<u32>,
+    /// Index in the given slice of each line that passes near.
+    pub(crate) near_indices: Vec<u32>,
     ends: Vec<Ends>,
+    near_ends: Vec<Ends>,
     given: usize,
-    near: usize,
     /// Density of the background, 1/m².
     pub(crate) background_per_m2: f64,
 }
@@ -96,7 +98,7 @@ impl Window {
 
     /// Lines that pass near enough to enter the likelihood.
     pub fn near(&self) -> usize {
-        self.near
+        self.near_indices.len()
     }
 
     /// Whether none is in.
@@ -137,63 +139,51 @@ impl Window {
             } else {
                 how.about_world_m + how.velocity_world_m_s * (line.t_s - how.at_s)
             };
-            let lane = self.indices.len() % LANES;
-            if lane == 0 {
-                self.ends.push(Ends::default());
-            }
-            if let Some(pack) = self.ends.last_mut() {
-                for axis in 0..3 {
-                    pack.a[axis].0[lane] = line.ends_world_m[0][axis] - moved[axis];
-                    pack.b[axis].0[lane] = line.ends_world_m[1][axis] - moved[axis];
-                }
-                pack.filled.0[lane] = 1.0;
-            }
+            push_line(&mut self.ends, self.indices.len(), line, &moved);
             self.indices.push(index as u32);
         }
         if self.indices.len() < needed.max(FEWEST_LINES) {
             let (given, usable) = (self.given, self.indices.len());
             return Err(Failure::TooFewLines { given, usable, needed: needed.max(FEWEST_LINES) });
         }
-        // Empty places repeat the pack's first line: finite numbers that count for nothing.
-        if let Some(pack) = self.ends.last_mut() {
-            for lane in 0..LANES {
-                if pack.filled.0[lane] == 0.0 {
-                    for axis in 0..3 {
-                        pack.a[axis].0[lane] = pack.a[axis].0[0];
-                        pack.b[axis].0[lane] = pack.b[axis].0[0];
-                    }
-                }
-            }
-        }
-        let (ends, rays) = (&self.ends, &mut self.rays);
-        Arch::new().dispatch(|| rays.extend(ends.iter().map(rays_of)));
+        fill_up(&mut self.ends);
+        Arch::new().dispatch(ToRays { ends: &self.ends, rays: &mut self.rays });
         Ok(())
     }
 
-    /// Adds the noise of each line, where it passes the origin.
+    /// Adds the noise of each line that passes near, where it passes the origin.
     pub fn shape(&mut self, noise: &LineNoise) {
-        let origin = self.origin_world_m;
-        for pack in &mut self.ends {
-            for lane in 0..LANES {
-                let place = |end: &Three| {
-                    Vector3::new(
-                        end[0].0[lane] + origin.x,
-                        end[1].0[lane] + origin.y,
-                        end[2].0[lane] + origin.z,
-                    )
-                };
-                pack.blocks[0][lane] = noise.block_at(&place(&pack.a));
-                pack.blocks[1][lane] = noise.block_at(&place(&pack.b));
-            }
-        }
+        self.choose_near(noise);
         self.shapes.clear();
-        let (ends, rays, shapes) = (&self.ends, &self.rays, &mut self.shapes);
-        Arch::new().dispatch(
-            #[inline(always)]
-            || shapes.extend(ends.iter().zip(rays).map(|(e, r)| shapes_of(e, r, noise))),
-        );
-        self.near = self.shapes.iter().map(|s| s.filled.sum()).sum::<f64>() as usize;
+        let (ends, origin, shapes) = (&self.near_ends, &self.origin_world_m, &mut self.shapes);
+        Arch::new().dispatch(ToShapes { ends, origin, noise, shapes });
         self.background_per_m2 = 1.0 / (std::f64::consts::PI * noise.background_radius_m.powi(2));
+    }
+
+    /// The lines that pass the origin within the background's radius.
+    fn choose_near(&mut self, noise: &LineNoise) {
+        self.near_ends.clear();
+        self.near_indices.clear();
+        let squared_radius = noise.background_radius_m * noise.background_radius_m;
+        for (k, index) in self.indices.iter().enumerate() {
+            let (pack, lane) = place(k);
+            let foot = self.rays[pack].foot_m.map(|axis| axis.0[lane]);
+            if foot[0] * foot[0] + foot[1] * foot[1] + foot[2] * foot[2] >= squared_radius {
+                continue;
+            }
+            let (from, (to, to_lane)) = (&self.ends[pack], place(self.near_indices.len()));
+            if to_lane == 0 {
+                self.near_ends.push(Ends::default());
+            }
+            let to = &mut self.near_ends[to];
+            for axis in 0..3 {
+                to.a[axis].0[to_lane] = from.a[axis].0[lane];
+                to.b[axis].0[to_lane] = from.b[axis].0[lane];
+            }
+            to.filled.0[to_lane] = 1.0;
+            self.near_indices.push(*index);
+        }
+        fill_up(&mut self.near_ends);
     }
 
     /// Loads and shapes.
@@ -212,11 +202,11 @@ impl Window {
         Ok(())
     }
 
-    /// Makes the same lines ready about another point: the noise is left as it is.
+    /// Makes loaded lines ready about another point, before [`Self::shape`].
     pub(crate) fn move_origin(&mut self, to_world_m: &Vector3<f64>) {
         let step = to_world_m - self.origin_world_m;
         self.origin_world_m = *to_world_m;
-        let step = super::lanes::splat3(&step);
+        let step = splat3(&step);
         for rays in &mut self.rays {
             for axis in 0..3 {
                 rays.foot_m[axis] = rays.foot_m[axis] - step[axis];
@@ -232,8 +222,50 @@ impl Window {
                 pack.b[axis] = pack.b[axis] - step[axis];
             }
         }
-        for (shape, rays) in self.shapes.iter_mut().zip(&self.rays) {
-            shape.at = [dot(&shape.e1, &rays.foot_m), dot(&shape.e2, &rays.foot_m)];
+    }
+}
+
+/// Pack and lane of the k-th line.
+fn place(k: usize) -> (usize, usize) {
+    (k / LANES, k % LANES)
+}
+
+/// Puts a line, told from `about_world_m`, behind `count` others.
+fn push_line(packs: &mut Vec<Ends>, count: usize, line: &Line, about_world_m: &Vector3<f64>) {
+    let (pack, lane) = place(count);
+    if lane == 0 {
+        packs.push(Ends::default());
+    }
+    let pack = &mut packs[pack];
+    for axis in 0..3 {
+        pack.a[axis].0[lane] = line.ends_world_m[0][axis] - about_world_m[axis];
+        pack.b[axis].0[lane] = line.ends_world_m[1][axis] - about_world_m[axis];
+    }
+    pack.filled.0[lane] = 1.0;
+}
+
+/// Usable lines as rays from the world's origin.
+pub(crate) fn rays_through(lines: &[&Line]) -> Vec<Rays> {
+    let mut ends = Vec::with_capacity(lines.len().div_ceil(LANES));
+    for (count, line) in lines.iter().enumerate() {
+        push_line(&mut ends, count, line, &Vector3::zeros());
+    }
+    fill_up(&mut ends);
+    let mut rays = Vec::with_capacity(ends.len());
+    Arch::new().dispatch(ToRays { ends: &ends, rays: &mut rays });
+    rays
+}
+
+/// Empty places repeat the pack's first line: finite numbers that count for nothing.
+fn fill_up(packs: &mut [Ends]) {
+    let Some(pack) = packs.last_mut() else { return };
+    for lane in 1..LANES {
+        if pack.filled.0[lane] != 0.0 {
+            continue;
+        }
+        for axis in 0..3 {
+            pack.a[axis].0[lane] = pack.a[axis].0[0];
+            pack.b[axis].0[lane] = pack.b[axis].0[0];
         }
     }
 }
@@ -251,29 +283,66 @@ pub(crate) fn is_usable(line: &Line) -> bool {
 /// No scanner is larger, m; beyond it digits are lost.
 const LONGEST_LINE_M: f64 = 100.0;
 
+struct ToRays<'a> {
+    ends: &'a [Ends],
+    rays: &'a mut Vec<Rays>,
+}
+
+impl WithSimd for ToRays<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for ends in self.ends {
+            self.rays.push(rays_of(ends));
+        }
+    }
+}
+
+struct ToShapes<'a> {
+    ends: &'a [Ends],
+    origin: &'a Vector3<f64>,
+    noise: &'a LineNoise,
+    shapes: &'a mut Vec<Shapes>,
+}
+
+impl WithSimd for ToShapes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let origin = splat3(self.origin);
+        for ends in self.ends {
+            self.shapes.push(shapes_of(ends, &rays_of(ends), &origin, self.noise));
+        }
+    }
+}
+
 #[inline(always)]
 fn rays_of(ends: &Ends) -> Rays {
-    let along: Three = std::array::from_fn(|i| ends.b[i] - ends.a[i]);
+    let along: Three = three!(i => ends.b[i] - ends.a[i]);
     let inverse = Four::splat(1.0) / dot(&along, &along).sqrt();
-    let direction: Three = std::array::from_fn(|i| along[i] * inverse);
+    let direction: Three = three!(i => along[i] * inverse);
     let t = dot(&direction, &ends.a);
-    let foot_m: Three = std::array::from_fn(|i| ends.a[i] - t * direction[i]);
+    let foot_m: Three = three!(i => ends.a[i] - t * direction[i]);
     Rays { direction, foot_m, filled: ends.filled }
 }
 
 /// `e^T C f` of a symmetric C given as xx, xy, xz, yy, yz, zz.
 #[inline(always)]
 fn quadratic(e: &Three, c: &[Four; 6], f: &Three) -> Four {
-    let cf = [
-        c[0] * f[0] + c[1] * f[1] + c[2] * f[2],
-        c[1] * f[0] + c[3] * f[1] + c[4] * f[2],
-        c[2] * f[0] + c[4] * f[1] + c[5] * f[2],
-    ];
+    let cf = [dot(&[c[0], c[1], c[2]], f), dot(&[c[1], c[3], c[4]], f), dot(&[c[2], c[4], c[5]], f)];
     dot(e, &cf)
 }
 
+/// A covariance across the line, and what is round in it: 11, 12, 22.
 #[inline(always)]
-fn shapes_of(ends: &Ends, rays: &Rays, noise: &LineNoise) -> Shapes {
+fn flat(e1: &Three, e2: &Three, c: &[Four; 6], round: Four) -> [Four; 3] {
+    [quadratic(e1, c, e1) + round, quadratic(e1, c, e2), quadratic(e2, c, e2) + round]
+}
+
+#[inline(always)]
+fn shapes_of(ends: &Ends, rays: &Rays, origin: &Three, noise: &LineNoise) -> Shapes {
     let one = Four::splat(1.0);
     let n = &rays.direction;
     // Duff et al. 2017: a basis without a singular direction.
@@ -283,16 +352,17 @@ fn shapes_of(ends: &Ends, rays: &Rays, noise: &LineNoise) -> Shapes {
     let e1 = [one + sign * n[0] * n[0] * a, sign * b, -(sign * n[0])];
     let e2 = cross(n, &e1);
     // Where the line passes the origin: 0 at the first end, 1 at the second.
-    let along: Three = std::array::from_fn(|i| ends.b[i] - ends.a[i]);
+    let along: Three = three!(i => ends.b[i] - ends.a[i]);
     let length = dot(&along, n);
     let from_a = -dot(&ends.a, n);
     let s = (from_a / length).max(Four::ZERO).min(one);
     let (near, far) = ((one - s) * (one - s), s * s);
     let mut core = [Four::ZERO; 6];
     let mut tail = [Four::ZERO; 6];
+    let blocks = [&ends.a, &ends.b].map(|end| noise.blocks_at(&three!(i => end[i] + origin[i])));
     for lane in 0..LANES {
-        let (ca, ta) = noise.end_covariances(ends.blocks[0][lane]);
-        let (cb, tb) = noise.end_covariances(ends.blocks[1][lane]);
+        let (ca, ta) = noise.end_covariances(blocks[0][lane]);
+        let (cb, tb) = noise.end_covariances(blocks[1][lane]);
         for i in 0..6 {
             core[i].0[lane] = near.0[lane] * ca[i] + far.0[lane] * cb[i];
             tail[i].0[lane] = near.0[lane] * ta[i] + far.0[lane] * tb[i];
@@ -300,12 +370,9 @@ fn shapes_of(ends: &Ends, rays: &Rays, noise: &LineNoise) -> Shapes {
     }
     let bend = Four::splat(noise.acollinearity_sd_rad) * length * s * (one - s);
     let round = bend * bend + Four::splat(noise.source_variance_m2);
-    let flat = |c: &[Four; 6]| {
-        [quadratic(&e1, c, &e1) + round, quadratic(&e1, c, &e2), quadratic(&e2, c, &e2) + round]
-    };
-    let (core, tail) = (flat(&core), flat(&tail));
+    let (core, tail) = (flat(&e1, &e2, &core, round), flat(&e1, &e2, &tail, round));
     let half = Four::splat(0.5);
-    let mixed: [Four; 3] = std::array::from_fn(|i| half * (core[i] + tail[i]));
+    let mixed: [Four; 3] = three!(i => half * (core[i] + tail[i]));
     let mut precision = [[Four::ZERO; 3]; COMPONENTS];
     let mut peak = [Four::ZERO; COMPONENTS];
     for (k, c) in [core, mixed, tail].iter().enumerate() {
@@ -315,9 +382,8 @@ fn shapes_of(ends: &Ends, rays: &Rays, noise: &LineNoise) -> Shapes {
             Four::splat(noise.component_shares[k] / std::f64::consts::TAU) * inverse.sqrt() * ends.filled;
     }
     let at = [dot(&e1, &rays.foot_m), dot(&e2, &rays.foot_m)];
-    // Even among the lines that pass near; the others are no one's, they count for nothing.
+    // Even among the lines that pass near.
     let radius = Four::splat(noise.background_radius_m);
-    let filled = (at[0] * at[0] + at[1] * at[1]).less_select(radius * radius, ends.filled, Four::ZERO);
     let background = Four::splat(1.0) / (Four::splat(std::f64::consts::PI) * radius * radius);
-    Shapes { e1, e2, at, precision, peak, background, filled }
+    Shapes { e1, e2, at, precision, peak, background, filled: ends.filled }
 }
