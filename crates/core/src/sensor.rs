@@ -8,6 +8,7 @@ use crate::primitive::Primitive;
 use crate::random::RandomStreams;
 use crate::time::SimTime;
 use crate::truth::TruthView;
+use nalgebra::{Isometry3, Vector6};
 
 /// What the world hands over: the reading, and beside it what only evaluation and recording may see.
 #[derive(Clone, Debug)]
@@ -40,6 +41,19 @@ pub trait Sensor: Send {
         at: SimTime,
         random: &RandomStreams,
     ) -> Result<Option<Observation>, ModalityError>;
+
+    /// Is moved from `at` on: its own frame flies with this twist (m/s, rad/s) in the world. Asked in the order of time.
+    ///
+    /// # Errors
+    /// [`ModalityError::Unsupported`] where it cannot be moved at all, or not so.
+    fn command(&mut self, _at: SimTime, _twist_world: &Vector6<f64>) -> Result<(), ModalityError> {
+        Err(ModalityError::Unsupported { kind: "fixed", what: "cannot be moved" })
+    }
+
+    /// `world_from_sensor` as its encoders tell it at an instant after the last command; `None` where it cannot be moved.
+    fn encoder(&self, _at: SimTime) -> Option<Isometry3<f64>> {
+        None
+    }
 
     /// What of the sensor itself is worth drawing (positions, field arrows, lines of the last window).
     fn scene(&self, _out: &mut Vec<Primitive>) {}

@@ -19,6 +19,7 @@
 //! Feature `reproduce` runs published tables again and draws charts.
 
 pub use lumenav_anatomy as anatomy;
+pub use lumenav_control as control;
 pub use lumenav_core as core;
 pub use lumenav_evaluation as evaluation;
 pub use lumenav_fields as fields;

@@ -5,10 +5,11 @@
 #![expect(clippy::disallowed_types, reason = "world side: observers evaluate and record the truth")]
 
 use lumenav_core::{
-    CapsuleBody, CapsuleTruth, Frame, Measurement, Name, Primitive, PublishedEstimate, Reading, SimTime,
+    CapsuleBody, CapsuleTruth, Command, Frame, Measurement, Name, Primitive, PublishedEstimate, Reading,
+    SimTime,
 };
 pub use lumenav_scenario::file::{DistanceTable, ExpectTable, PeriodTable};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 /// What is known before the first event.
 #[derive(Clone, Debug)]
@@ -206,6 +207,17 @@ pub enum RunEvent<'a> {
         measurement: Option<&'a Measurement>,
         /// Why.
         why: &'a Refusal,
+    },
+    /// A controller has decided.
+    Command {
+        /// The controller.
+        controller: &'a Name,
+        /// What it moves, and how from now on.
+        command: &'a Command,
+        /// When.
+        at: SimTime,
+        /// Where the moved sensor is then, by its encoder.
+        world_from_sensor: &'a Isometry3<f64>,
     },
     /// Something happened in the world or to a track: segment entered, fault began, track lost.
     Note {

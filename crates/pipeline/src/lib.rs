@@ -4,6 +4,7 @@
 //! its front ends; [`faults`] what befalls readings on their way; [`judge`] the comparison with truth and bound.
 
 pub mod build;
+mod control;
 pub mod error;
 pub mod events;
 pub mod faults;

@@ -2,12 +2,13 @@
 //!
 //! One queue in time order holds what will happen: a sensor is due, a reading arrives, the truth is written, a picture is
 //! taken. The world is stepped to each event's time, never beyond; truth older than the longest look back is dropped. At equal
-//! times the order is fixed (truth, sensors in the file's order, arrivals in order of sensor and sequence, pictures, clock),
+//! times the order is fixed (truth, sensors in the file's order, arrivals in order of sensor and sequence, controllers, pictures, clock),
 //! so that equal runs make equal bytes.
 
 #![expect(clippy::disallowed_types, reason = "world side: the run drives world and observers")]
 
 use crate::build;
+use crate::control::{self, Control};
 use crate::error::RunError;
 use crate::events::{RunEvent, RunHeader, RunObserver, SceneOwner, TrackUpdate};
 use crate::faults::{Fate, Faults};
@@ -30,6 +31,7 @@ enum Kind {
     Truth,
     Due(usize),
     Arrival(usize, u64),
+    Control(usize),
     Scene,
     Clock,
 }
@@ -68,7 +70,7 @@ impl<'o> Observers<'o> {
         self.all.iter_mut().try_for_each(|o| o.start(header)).map_err(RunError::from)
     }
 
-    fn tell(&mut self, event: &RunEvent<'_>) -> Result<(), RunError> {
+    pub(crate) fn tell(&mut self, event: &RunEvent<'_>) -> Result<(), RunError> {
         self.all.iter_mut().try_for_each(|o| o.on(event)).map_err(RunError::from)
     }
 
@@ -105,6 +107,7 @@ pub fn simulate(
         streams: RandomStreams::new(seed, trial, ""),
         sensors: build::sensors(file, registry, stage.map.as_ref())?,
         tracks: build::tracks(file, registry, stage.map.as_ref())?,
+        controls: Vec::new(),
         faults: Faults::new(file.faults.clone()),
         world: stage.world,
         map: stage.map,
@@ -115,6 +118,7 @@ pub fn simulate(
         scene_period_ns: nanoseconds(1.0 / file.record.scene_rate_hz.0).max(1),
         summary: RunSummary::default(),
     };
+    run.controls = control::controls(file, &mut run.sensors)?;
     observers.start(&header)?;
     run.announce(file, observers)?;
     run.fill_queue(file);
@@ -138,6 +142,12 @@ pub fn replay(
     observers: &mut Observers<'_>,
     stop: StopRequest<'_>,
 ) -> Result<RunSummary, RunError> {
+    if let Some(controller) = file.controllers.first() {
+        return Err(controller
+            .node
+            .error("a replay has no controllers: what was recorded does not move")
+            .into());
+    }
     let header = build::header(file, file.scenario.seed, 0, truth.is_some())?;
     let mut tracks = build::tracks(file, registry, None)?;
     let mut streams = Vec::new();
@@ -370,6 +380,7 @@ struct Simulation {
     streams: RandomStreams,
     sensors: Vec<(Name, Box<dyn Sensor>)>,
     tracks: Vec<Track>,
+    controls: Vec<Control>,
     faults: Faults,
     world: Box<dyn World>,
     map: Option<Arc<dyn PathMap>>,
@@ -405,6 +416,9 @@ impl Simulation {
         for (index, (_, sensor)) in self.sensors.iter().enumerate() {
             self.queue.insert((sensor.next_due(), Kind::Due(index)), None);
         }
+        for index in 0..self.controls.len() {
+            self.queue.insert((SimTime::ZERO, Kind::Control(index)), None);
+        }
         let look_back = self.sensors.iter().map(|(_, s)| s.look_back_ns()).max().unwrap_or(0);
         let latency_s = file.sensors.iter().filter_map(|s| s.schedule).map(|s| s.latency_ms.0 * 1e-3);
         let delay_s: f64 = file
@@ -433,6 +447,11 @@ impl Simulation {
                 }
                 Kind::Due(index) => self.observe(index, at, observers)?,
                 Kind::Arrival(..) => self.arrive(observation, observers)?,
+                Kind::Control(index) => {
+                    let control = &mut self.controls[index];
+                    control.step(at, &self.tracks, &mut self.sensors, observers)?;
+                    self.queue.insert((at + control.period_ns, Kind::Control(index)), None);
+                }
                 Kind::Scene => {
                     self.picture(at, observers)?;
                     self.queue.insert((at + self.scene_period_ns, Kind::Scene), None);

@@ -57,6 +57,8 @@ pub struct Track {
     filter: Option<Box<dyn Filter>>,
     /// The newest instant published.
     newest: SimTime,
+    /// What was published last.
+    latest: Option<PublishedEstimate>,
     /// Counts updates.
     pub updates: u64,
 }
@@ -85,12 +87,17 @@ impl Track {
             let message = "without a filter every sensor needs a front end that makes poses";
             return Err(node.error_at("sensors", message));
         }
-        Ok(Self { name, inputs, filter, newest: SimTime(i64::MIN), updates: 0 })
+        Ok(Self { name, inputs, filter, newest: SimTime(i64::MIN), latest: None, updates: 0 })
     }
 
     /// The filter, where there is one.
     pub fn filter(&self) -> Option<&dyn Filter> {
         self.filter.as_deref()
+    }
+
+    /// What it published last: what a controller sees.
+    pub fn latest(&self) -> Option<&PublishedEstimate> {
+        self.latest.as_ref()
     }
 
     /// Takes one reading of one of its sensors.
@@ -201,6 +208,7 @@ impl Track {
             estimate.pose = estimate.pose.clone().limited_to(resolved);
             step.revision = estimate.at > about && estimate.at <= self.newest;
             self.newest = self.newest.max(estimate.at);
+            self.latest = Some(estimate.clone());
         }
         step
     }

@@ -46,6 +46,8 @@ pub(crate) struct Layout {
     pub(crate) nees_top: Option<f64>,
     /// Whether there is a tract to be along.
     pub(crate) along_tract: bool,
+    /// Whether a controller moves a sensor.
+    pub(crate) moved: bool,
     /// Whether there is a truth to compare with.
     pub(crate) has_truth: bool,
 }
@@ -261,6 +263,9 @@ fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Record
     }
     if layout.along_tract {
         rows.push((plot(writer, "Along the tract (m)", "/plots/along_tract", None)?, 0.8));
+    }
+    if layout.moved {
+        rows.push((plot(writer, "Moved sensor along z (mm)", "/plots/moved", None)?, 0.6));
     }
     let kind = |kind, visible: bool| comp::TextLogColumn(TextLogColumn { visible: visible.into(), kind });
     let columns = arch::TextLogColumns::new().with_text_log_columns([

@@ -206,6 +206,11 @@ impl Run {
                 }
                 Ok(())
             }
+            RunEvent::Command { controller, at, world_from_sensor, .. } => {
+                self.layout.moved = true;
+                let z_mm = 1e3 * world_from_sensor.translation.z;
+                self.plot(output, "moved", controller, &time_point(*at, None), z_mm).map(|_| ())
+            }
             RunEvent::Reading { .. } => Ok(()),
         }
     }

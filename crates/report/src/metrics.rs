@@ -25,7 +25,7 @@ use lumenav_evaluation::plausibility::{DistanceCheck, DistanceFigures, SpeedChec
 use lumenav_evaluation::summary::{Quantiles, ScalarSummary};
 use lumenav_pipeline::events::{DistanceTable, PeriodTable};
 use lumenav_pipeline::{ObserverError, Refusal, RunEvent, RunHeader, RunObserver, TrackUpdate};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -56,9 +56,48 @@ pub struct Metrics {
     pub tracks: BTreeMap<String, TrackMetrics>,
     /// What the sensors delivered.
     pub sensors: BTreeMap<String, SensorMetrics>,
+    /// How far the controllers moved their sensors; absent where there are none.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub controllers: BTreeMap<String, ControllerMetrics>,
     /// What the scenario expects of the motion (`[expect]`), checked.
     #[serde(default)]
     pub expected: Expectations,
+}
+
+/// What one controller did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ControllerMetrics {
+    /// Decisions that it took.
+    pub decisions: u64,
+    /// Times that it set its sensor in motion.
+    pub starts: u64,
+    /// Way of the sensor, mm.
+    pub travel_mm: f64,
+    /// From where to where along z, mm.
+    pub range_z_mm: [f64; 2],
+}
+
+/// A controller being watched.
+#[derive(Debug, Default)]
+struct Watched {
+    figures: ControllerMetrics,
+    last_m: Option<Vector3<f64>>,
+    moving: bool,
+}
+
+impl Watched {
+    fn see(&mut self, world_from_sensor: &Isometry3<f64>, twist_world: &Vector6<f64>) {
+        let place_m = world_from_sensor.translation.vector;
+        let z_mm = 1e3 * place_m.z;
+        let [low, high] = &mut self.figures.range_z_mm;
+        (*low, *high) = if self.last_m.is_none() { (z_mm, z_mm) } else { (low.min(z_mm), high.max(z_mm)) };
+        self.figures.travel_mm += self.last_m.map_or(0.0, |last| 1e3 * (place_m - last).norm());
+        self.last_m = Some(place_m);
+        let moving = twist_world.norm() > 0.0;
+        self.figures.starts += u64::from(moving && !self.moving);
+        self.moving = moving;
+        self.figures.decisions += 1;
+    }
 }
 
 /// Checks that need no truth.
@@ -508,6 +547,7 @@ pub struct MetricsObserver {
     header: Option<RunHeader>,
     tracks: BTreeMap<Name, Collector>,
     sensors: BTreeMap<Name, SensorMetrics>,
+    controllers: BTreeMap<Name, Watched>,
     plausibility: Plausibility,
     last: SimTime,
     result: Option<Metrics>,
@@ -562,6 +602,10 @@ impl MetricsObserver {
             RunEvent::Reading { reading, .. } => {
                 self.sensors.entry(reading.sensor.clone()).or_default().readings += 1;
             }
+            RunEvent::Command { controller, command, world_from_sensor, .. } => {
+                let watched = self.controllers.entry((*controller).clone()).or_default();
+                watched.see(world_from_sensor, &command.twist_world);
+            }
             RunEvent::Missing { sensor, .. } => {
                 self.sensors.entry((*sensor).clone()).or_default().missing += 1;
             }
@@ -585,6 +629,11 @@ impl MetricsObserver {
             duration_s: header.duration_s.unwrap_or(self.last.seconds()),
             tracks: self.tracks.iter_mut().map(|(name, track)| (name.to_string(), track.metrics())).collect(),
             sensors: self.sensors.iter().map(|(name, sensor)| (name.to_string(), *sensor)).collect(),
+            controllers: self
+                .controllers
+                .iter()
+                .map(|(name, seen)| (name.to_string(), seen.figures))
+                .collect(),
             expected: self.plausibility.expectations(),
         };
         if let Some(path) = &self.path {

@@ -1,8 +1,8 @@
 //! The scenario file: one TOML that says what happens, what is installed, what is real, and who estimates.
 //!
 //! Tables: `[scenario]`, `[tract]`, `[capsule]`, `[motility]`, `[engine]`, `[truth]`, `[[sensor]]` (with `.schedule`,
-//! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[fault]]`, `[record]`, `[expect]`,
-//! `[[period]]`.
+//! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[controller]]` (with `.law`),
+//! `[[fault]]`, `[record]`, `[expect]`, `[[period]]`.
 //! Every key has a default that makes sense, unknown keys are errors, and every error names file, line, key and what is
 //! allowed. The same reader serves replays: there `[[sensor]]` has `.files` instead of a schedule.
 
@@ -50,6 +50,8 @@ pub(crate) const EXPECT_SOURCES: [(&str, &str); 2] = [
     ("max_speed_m_s", "chosen: nothing is expected that the file does not say"),
     ("distance", "chosen: nothing is expected that the file does not say"),
 ];
+pub(crate) const CONTROLLER_SOURCES: [(&str, &str); 1] =
+    [("rate_hz", "chosen: a capsule at 22 mm/s moves 2.2 mm between two decisions")];
 pub(crate) const RECORD_SOURCES: [(&str, &str); 2] = [
     ("truth_rate_hz", "chosen: a capsule at 22 mm/s moves 2.2 mm between two rows"),
     ("scene_rate_hz", "chosen: the wall's contractions recur every 5 s at most, so ten pictures each"),
@@ -172,6 +174,39 @@ struct TrackTable {
     _prior: Option<IgnoredAny>,
     #[serde(rename = "sensor", skip_serializing, default)]
     _sensor: Option<IgnoredAny>,
+}
+
+/// One `[[controller]]`, its law kept as a node for the crate that knows it.
+#[derive(Clone, Debug)]
+pub struct ControllerEntry {
+    /// Its name.
+    pub name: Name,
+    /// The track whose estimates it sees.
+    pub track: Name,
+    /// The sensor that it moves.
+    pub sensor: Name,
+    /// How often it decides, Hz.
+    pub rate_hz: f64,
+    /// `[controller.law]`.
+    pub law: Node,
+    /// The whole entry, for messages.
+    pub node: Node,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ControllerTable {
+    name: String,
+    track: String,
+    sensor: String,
+    #[serde(default = "control_rate")]
+    rate_hz: Positive,
+    #[serde(rename = "law", skip_serializing, default)]
+    _law: Option<IgnoredAny>,
+}
+
+fn control_rate() -> Positive {
+    Positive(10.0)
 }
 
 /// One `[[fault]]`: something that befalls a sensor's readings on their way, whatever the modality.
@@ -331,6 +366,8 @@ pub struct ScenarioFile {
     pub sensors: Vec<SensorEntry>,
     /// The tracks.
     pub tracks: Vec<TrackEntry>,
+    /// The controllers.
+    pub controllers: Vec<ControllerEntry>,
     /// The faults.
     pub faults: Vec<Fault>,
     /// `[record]`.
@@ -365,6 +402,8 @@ struct Outline {
     _sensor: Option<IgnoredAny>,
     #[serde(rename = "track")]
     _track: Option<IgnoredAny>,
+    #[serde(rename = "controller")]
+    _controller: Option<IgnoredAny>,
     #[serde(rename = "fault")]
     _fault: Option<IgnoredAny>,
     #[serde(rename = "record")]
@@ -407,6 +446,7 @@ impl ScenarioFile {
         let tract = node.child("tract").map(|n| n.parse_sourced(&TRACT_SOURCES)).transpose()?;
         let sensors = read_sensors(&node)?;
         let tracks = read_tracks(&node, &sensors)?;
+        let controllers = read_controllers(&node, &sensors, &tracks)?;
         let faults = read_faults(&node, &sensors)?;
         let record_node = node.child_or_empty("record");
         let record: RecordTable = record_node.parse_sourced(&RECORD_SOURCES)?;
@@ -422,6 +462,7 @@ impl ScenarioFile {
             tract,
             sensors,
             tracks,
+            controllers,
             faults,
             record,
             expect,
@@ -559,6 +600,44 @@ fn read_tracks(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<TrackEntry>, 
         });
     }
     Ok(tracks)
+}
+
+fn read_controllers(
+    node: &Node,
+    sensors: &[SensorEntry],
+    tracks: &[TrackEntry],
+) -> Result<Vec<ControllerEntry>, ConfigError> {
+    let mut seen = BTreeSet::new();
+    let mut moved = BTreeSet::new();
+    let mut controllers = Vec::new();
+    for entry in node.children("controller")? {
+        let table: ControllerTable = entry.parse_sourced(&CONTROLLER_SOURCES)?;
+        check_unique(&mut seen, &table.name, &entry)?;
+        check_range(&entry, "rate_hz", table.rate_hz.0, 1e-3, 1e4)?;
+        let known: Vec<&str> = tracks.iter().map(|t| &*t.name).collect();
+        if !known.contains(&table.track.as_str()) {
+            let message = format!("no track `{}`; the scenario has: {}", table.track, known.join(", "));
+            return Err(entry.error_at("track", &message));
+        }
+        let known: Vec<&str> = sensors.iter().map(|s| &*s.name).collect();
+        if !known.contains(&table.sensor.as_str()) {
+            let message = format!("no sensor `{}`; the scenario has: {}", table.sensor, known.join(", "));
+            return Err(entry.error_at("sensor", &message));
+        }
+        if !moved.insert(table.sensor.clone()) {
+            let message = format!("sensor `{}` is moved by another controller already", table.sensor);
+            return Err(entry.error_at("sensor", &message));
+        }
+        controllers.push(ControllerEntry {
+            name: table.name.as_str().into(),
+            track: table.track.as_str().into(),
+            sensor: table.sensor.as_str().into(),
+            rate_hz: table.rate_hz.0,
+            law: entry.child_or_empty("law"),
+            node: entry,
+        });
+    }
+    Ok(controllers)
 }
 
 fn read_faults(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<Fault>, ConfigError> {

@@ -21,6 +21,7 @@ pub mod markers;
 pub mod model;
 pub mod payload;
 pub mod planning;
+mod rail;
 pub mod reader;
 pub mod scanner;
 pub mod sensor;

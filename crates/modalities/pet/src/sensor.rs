@@ -4,6 +4,10 @@
 //! its pose at their own instants, taken from the truth at eleven instants and at constant twist between them. Misplacements are
 //! drawn once, from the stream `placement`; the decays of window n come from streams of its number, so that a window that is lost
 //! (stream `(loss, n)`) shifts no other.
+//!
+//! The world is the patient's. Where a bed moves the patient through the scanner ([`Sensor::command`]), decays and body are simulated in
+//! the scanner's frame, and the lines are handed over in the patient's, each moved back by where the bed's encoder says the scanner
+//! stood at its instant: the estimates are compensated before they are made. Within a window the body stands where it is in the middle.
 
 #![expect(clippy::disallowed_types, reason = "world side: a sensor observes the truth")]
 
@@ -11,8 +15,9 @@ use crate::config::{Installed, RealityTable, isotopes};
 use crate::line::Line;
 use crate::markers::{Marker, MarkerSet};
 use crate::payload;
+use crate::rail::Rail;
 use crate::scanner::Scanner;
-use crate::simulation::{Isotope, LabelledLine, Origin, Settings, Simulator, SourceMarker, TableStore};
+use crate::simulation::{Isotope, LabelledLine, Mode, Origin, Settings, Simulator, SourceMarker, TableStore};
 use lumenav_core::frame::ColumnKind;
 use lumenav_core::pose::interpolate;
 use lumenav_core::time::nanoseconds;
@@ -20,7 +25,7 @@ use lumenav_core::{
     Column, ColumnSpec, Frame, ModalityError, Name, Node, Observation, Primitive, RandomStreams, Reading,
     Rows, Schedule, Schema, Sensor, Setup, SimTime, TruthView,
 };
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3, Vector6};
 use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use std::collections::BTreeMap;
@@ -41,6 +46,10 @@ pub struct PetSensor {
     simulator: Option<Simulator>,
     lines: Vec<LabelledLine>,
     sequence: u64,
+    /// Where a bed has put it; `None` where there is no bed.
+    rail: Option<Rail>,
+    /// The end of the last window.
+    seen: SimTime,
 }
 
 impl PetSensor {
@@ -84,6 +93,8 @@ impl PetSensor {
             simulator: None,
             lines: Vec::new(),
             sequence: 0,
+            rail: None,
+            seen: SimTime::ZERO,
         })
     }
 
@@ -105,6 +116,12 @@ impl PetSensor {
             marker.activity_bq *= self.reality.marker_activity_factor.get(i).map_or(1.0, |f| f.0);
         }
         markers
+    }
+
+    /// What the bed's encoder tells.
+    fn known_poses(&self, at_s: f64) -> BTreeMap<String, Isometry3<f64>> {
+        let z_m = self.rail.as_ref().map(|rail| rail.z_m(at_s));
+        z_m.map(|z_m| ("scanner".to_owned(), Isometry3::translation(0.0, 0.0, z_m))).into_iter().collect()
     }
 
     fn simulator(&mut self, random: &RandomStreams) -> Result<&mut Simulator, ModalityError> {
@@ -179,8 +196,21 @@ impl Sensor for PetSensor {
         let (start_s, length_s) = (start.seconds(), self.window_ns as f64 * 1e-9);
         let mut lines = std::mem::take(&mut self.lines);
         lines.clear();
-        self.simulator(random)?.window(&|t_s| path.at(t_s), start_s, length_s, random, sequence, &mut lines);
+        let rail = self.rail.take();
+        let scanner_z_m = |t_s: f64| rail.as_ref().map_or(0.0, |rail| rail.z_m(t_s));
+        let motion = |t_s: f64| Translation3::new(0.0, 0.0, -scanner_z_m(t_s)) * path.at(t_s);
+        let simulator = self.simulator(random)?;
+        if rail.is_some() {
+            simulator.move_body(Vector3::new(0.0, 0.0, -scanner_z_m(start_s + 0.5 * length_s)));
+        }
+        simulator.window(&motion, start_s, length_s, random, sequence, &mut lines);
+        for line in &mut lines {
+            let z_m = scanner_z_m(line.line.t_s);
+            line.line.ends_world_m.iter_mut().for_each(|end| end.z += z_m);
+        }
         self.lines = lines;
+        self.rail = rail;
+        self.seen = at;
         let lost = self.schedule.loss.0 > 0.0
             && random.stream("loss", sequence).random::<f64>() < self.schedule.loss.0;
         if lost {
@@ -193,15 +223,35 @@ impl Sensor for PetSensor {
                 sequence,
                 interval: (start, at),
                 arrival: self.schedule.arrival(at),
-                known_poses: BTreeMap::new(),
+                known_poses: self.known_poses(start_s + 0.5 * length_s),
                 payload: payload::frame(&plain)?,
             },
             labels: Some(labels(&self.lines)?),
         }))
     }
 
+    fn command(&mut self, at: SimTime, twist_world: &Vector6<f64>) -> Result<(), ModalityError> {
+        let unsupported = |what| Err(ModalityError::Unsupported { kind: "pet", what });
+        if self.reality.mode == Mode::Tabulated {
+            return unsupported(
+                "moves no scanner in mode `tabulated`, whose tables hold one place of the body",
+            );
+        }
+        if (0..6).any(|axis| axis != 2 && twist_world[axis] != 0.0) || !twist_world[2].is_finite() {
+            return unsupported("moves a scanner along z alone");
+        }
+        let keep_from = self.seen + -self.window_ns;
+        self.rail.get_or_insert_with(Rail::resting).set(at, twist_world[2], keep_from);
+        Ok(())
+    }
+
+    fn encoder(&self, at: SimTime) -> Option<Isometry3<f64>> {
+        self.rail.as_ref().map(|rail| Isometry3::translation(0.0, 0.0, rail.z_m(at.seconds())))
+    }
+
     fn scene(&self, out: &mut Vec<Primitive>) {
-        out.push(blocks_mesh(&self.installed.scanner, &self.lines));
+        let z_m = self.rail.as_ref().map_or(0.0, |rail| rail.z_m(self.seen.seconds()));
+        out.push(blocks_mesh(&self.installed.scanner, z_m, &self.lines));
     }
 }
 
@@ -241,8 +291,8 @@ const SILENT_RGB: [f64; 3] = [70.0, 80.0, 95.0];
 /// See [`SILENT_RGB`].
 const BUSIEST_RGB: [f64; 3] = [255.0, 170.0, 40.0];
 
-/// The blocks as boxes, each coloured by how often it fired in the window.
-fn blocks_mesh(scanner: &Scanner, lines: &[LabelledLine]) -> Primitive {
+/// The blocks of a scanner at a place along z as boxes, each coloured by how often it fired in the window.
+fn blocks_mesh(scanner: &Scanner, z_m: f64, lines: &[LabelledLine]) -> Primitive {
     let mut fired = vec![0_u32; scanner.blocks.len()];
     for crystal in lines.iter().flat_map(|l| l.crystals) {
         if let Some(block) = scanner.block_of(crystal) {
@@ -262,7 +312,7 @@ fn blocks_mesh(scanner: &Scanner, lines: &[LabelledLine]) -> Primitive {
             let side = |bit: u32, half: f64| if corner & bit == 0 { -half } else { half };
             let deep = if corner & 4 == 0 { 0.0 } else { depth };
             let place = scanner.in_block(block, side(1, half_h), side(2, half_z), deep);
-            vertices.push([place.x as f32, place.y as f32, place.z as f32]);
+            vertices.push([place.x as f32, place.y as f32, (place.z + z_m) as f32]);
             rgba.push(colour);
         }
         triangles.extend(BOX.map(|t| t.map(|corner| first + corner)));

@@ -154,6 +154,12 @@ impl Simulator {
         }
     }
 
+    /// From now on the body stands so far from where its file says, m. Not in [`Mode::Tabulated`]: its tables hold one place of the
+    /// body.
+    pub fn move_body(&mut self, moved_m: nalgebra::Vector3<f64>) {
+        self.physics.body.move_to(moved_m);
+    }
+
     /// The lines of one window, in the order of time, into `out` (cleared first). `motion` tells `world_from_capsule` at a time.
     ///
     /// Random numbers are those of `sequence` alone: a window's lines depend on no other window.

@@ -90,22 +90,30 @@ pub struct Body {
     ratio: ComptonRatio,
     /// Photons of less are given up, eV.
     kill_ev: f64,
+    /// How far the body stands from where its file says, m: a bed under the patient.
+    moved_m: Vector3<f64>,
 }
 
 impl Body {
     /// A body (or air alone) in which photons are followed down to an energy, eV.
     pub fn new(phantom: Option<Phantom>, kill_ev: f64) -> Self {
-        Self { phantom, ratio: ComptonRatio::default(), kill_ev }
+        Self { phantom, ratio: ComptonRatio::default(), kill_ev, moved_m: Vector3::zeros() }
+    }
+
+    /// Stands so far from where its file says, m.
+    pub fn move_to(&mut self, moved_m: Vector3<f64>) {
+        self.moved_m = moved_m;
     }
 
     /// Probability that a photon of 511 keV leaves without having scattered.
     pub fn transmission_511(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
-        self.phantom.as_ref().map_or(1.0, |p| (-p.optical_depth_511(from_m, direction)).exp())
+        let from_m = from_m - self.moved_m;
+        self.phantom.as_ref().map_or(1.0, |p| (-p.optical_depth_511(&from_m, direction)).exp())
     }
 
     /// Follows a photon until it leaves the body for good: how often it scattered, or `None` where its energy fell too low.
     pub fn leave<R: Rng + ?Sized>(&self, photon: &mut Photon, random: &mut R) -> Option<u32> {
-        let chord_m = self.phantom.as_ref().and_then(|p| p.chord_m(&photon.place_m, &photon.direction));
+        let chord_m = self.chord_m(&photon.place_m, &photon.direction);
         self.leave_along(photon, chord_m, random)
     }
 
@@ -131,7 +139,7 @@ impl Body {
             }
             photon.advance(step_m);
             if uniform_per_m.is_none() {
-                let here_per_m = phantom.attenuation_511_per_m(&photon.place_m);
+                let here_per_m = phantom.attenuation_511_per_m(&(photon.place_m - self.moved_m));
                 if random.random::<f64>() * largest_per_m >= here_per_m {
                     chord_m = Some((0.0, far_m - step_m));
                     continue;
@@ -144,14 +152,14 @@ impl Body {
             }
             photon.direction = deflected(&photon.direction, cos_angle, random);
             scatterings += 1;
-            chord_m = phantom.chord_m(&photon.place_m, &photon.direction);
+            chord_m = phantom.chord_m(&(photon.place_m - self.moved_m), &photon.direction);
         }
         Some(scatterings)
     }
 
     /// Way of a ray through the body ([`Phantom::chord_m`]).
     pub fn chord_m(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
-        self.phantom.as_ref().and_then(|p| p.chord_m(from_m, direction))
+        self.phantom.as_ref().and_then(|p| p.chord_m(&(from_m - self.moved_m), direction))
     }
 
     /// As [`Self::transmission_511`], where the way through the body is known.
@@ -164,7 +172,7 @@ impl Body {
         let (Some(phantom), Some((near_m, far_m))) = (&self.phantom, chord_m) else { return 1.0 };
         match phantom.uniform_attenuation_511_per_m() {
             Some(per_m) => (-per_m * (far_m.max(0.0) - near_m.max(0.0))).exp(),
-            None => (-phantom.optical_depth_511(from_m, direction)).exp(),
+            None => (-phantom.optical_depth_511(&(from_m - self.moved_m), direction)).exp(),
         }
     }
 }
