@@ -14,6 +14,8 @@ mod journeys;
 mod late;
 // The shipped recording is what its command makes.
 mod recording;
+// A controller moves a scanner after the capsule.
+mod bed;
 // Plugins outside the modality crates, through the filter, against committed numbers.
 mod seam;
 // Published claims and fixtures at the level of whole runs.

@@ -3,6 +3,7 @@
 //! [`events`] is what observers see; [`run`] the event loop, for simulated and for recorded data; [`track`] one estimator with
 //! its front ends; [`faults`] what befalls readings on their way; [`judge`] the comparison with truth and bound.
 
+mod ahead;
 pub mod build;
 mod control;
 pub mod error;

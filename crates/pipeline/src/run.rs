@@ -7,6 +7,7 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: the run drives world and observers")]
 
+use crate::ahead::read_ahead;
 use crate::build;
 use crate::control::{self, Control};
 use crate::error::RunError;
@@ -153,7 +154,8 @@ pub fn replay(
     let mut streams = Vec::new();
     let mut summary = RunSummary::default();
     observers.start(&header)?;
-    for (name, mut stream) in build::readers(file, registry)? {
+    for (name, stream) in build::readers(file, registry)? {
+        let mut stream = read_ahead(stream);
         let ahead = next_reading(&name, &mut stream, SimTime::ZERO, observers)?;
         streams.push((name, stream, ahead));
     }

@@ -12,8 +12,9 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 14] = [
+const SHIPPED: [(&str, &str); 15] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
+    ("colon-pet-bed", include_str!("../../../../scenarios/colon-pet-bed.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
     ("colon-pet", include_str!("../../../../scenarios/colon-pet.toml")),
     ("helix-magnetic", include_str!("../../../../scenarios/helix-magnetic.toml")),
