@@ -6,14 +6,13 @@ use lumenav::report::{Metrics, read_json};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Ten seconds along the axis of the reduced scanner, 110 mm beyond the end of its blocks; 20 cm of water about the patient's origin would
-/// end before, so it is air.
+/// Ten seconds along the axis of the reduced scanner, out of a cylinder of water and 110 mm beyond the end of the blocks.
 fn scenario(controller: &str) -> String {
     format!(
-        "[scenario]\nname = \"bed\"\nduration_s = 10.0\n[capsule]\nmodel = \"pet-triangle\"\n\
+        "[scenario]\nname = \"bed\"\nduration_s = 10.0\n[capsule]\nmodel = \"hybrid\"\n\
          [truth]\nkind = \"line\"\nfrom_mm = [20, 0, 0]\nto_mm = [30, 10, 200]\nspeed_mm_s = 20\n\
          [[sensor]]\nname = \"scanner\"\nmodality = \"pet\"\n[sensor.schedule]\nrate_hz = 20\n\
-         [sensor.installed]\nscanner = \"reduced\"\n\
+         [sensor.installed]\nscanner = \"reduced\"\nphantom = \"water-20\"\n\
          [[sensor]]\nname = \"belt\"\nmodality = \"magnetic\"\n[sensor.schedule]\nrate_hz = 1\n\
          [sensor.installed]\narray = \"belt-16\"\n\
          [[track]]\nname = \"pet\"\nsensors = [\"scanner\"]\n[track.sensor.scanner]\nfront_end = \"lines\"\n{controller}"
@@ -63,7 +62,7 @@ fn law_a_moved_scanner_tells_its_place_and_replays_to_the_same_track() {
     let places = tum::read(&readings.join("scanner.scanner.tum")).expect("places by the encoder");
     assert!(places.first().expect("a row").1.translation.z.abs() < 1e-3);
     assert!(places.last().expect("a row").1.translation.z > 0.02);
-    let mut replay = String::from("[scenario]\nname = \"again\"\n[capsule]\nmodel = \"pet-triangle\"\n");
+    let mut replay = String::from("[scenario]\nname = \"again\"\n[capsule]\nmodel = \"hybrid\"\n");
     write!(
         replay,
         "[[sensor]]\nname = \"scanner\"\nmodality = \"pet\"\n[sensor.installed]\nscanner = \"reduced\"\n\
@@ -117,8 +116,8 @@ fn law_what_cannot_be_moved_or_followed_is_named() {
         (
             "tables",
             scenario(&controller(to_scanner, "kind = \"bed\"")).replace(
-                "scanner = \"reduced\"\n",
-                "scanner = \"reduced\"\n[sensor.reality]\nmode = \"tabulated\"\n",
+                "phantom = \"water-20\"\n",
+                "phantom = \"water-20\"\n[sensor.reality]\nmode = \"tabulated\"\n",
             ),
             "mode `tabulated`",
         ),

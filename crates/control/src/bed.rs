@@ -8,7 +8,8 @@
 //! ```
 //!
 //! Within the dead band b nothing moves. The bed stands still as well where no estimate was ever published, where the last one is
-//! older than the patience, or where it is less certain than the dead band is wide; and it never leaves its travel.
+//! older than the patience, or where it is less certain than the dead band is wide. It never leaves its travel: a decision holds until the
+//! next, so its speed is cut to what reaches the end by then.
 
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{Command, ConfigError, Controller, Name, Node, PublishedEstimate, SimTime};
@@ -66,6 +67,7 @@ const SOURCES: [(&str, &str); 5] = [
 pub struct Bed {
     scanner: Name,
     law: BedTable,
+    rate_hz: f64,
 }
 
 impl Bed {
@@ -73,12 +75,19 @@ impl Bed {
     ///
     /// # Errors
     /// [`ConfigError`] with file, line, key and what is allowed.
-    pub fn from_node(node: &Node, scanner: Name) -> Result<Self, ConfigError> {
+    pub fn from_node(node: &Node, scanner: Name, rate_hz: f64) -> Result<Self, ConfigError> {
         let law: BedTable = node.parse_sourced(&SOURCES)?;
         if law.travel_mm[0].0 >= law.travel_mm[1].0 {
             return Err(node.error_at("travel_mm", "give the lower end first: [lower, upper] in mm"));
         }
-        Ok(Self { scanner, law })
+        if law.gain_per_s.0 > rate_hz {
+            let message = format!(
+                "{} /s overshoots at {rate_hz} decisions a second; give at most that",
+                law.gain_per_s.0
+            );
+            return Err(node.error_at("gain_per_s", &message));
+        }
+        Ok(Self { scanner, law, rate_hz })
     }
 
     /// Speed along z, m/s.
@@ -95,8 +104,8 @@ impl Bed {
         }
         let speed = (self.law.gain_per_s.0 * beyond_m).min(1e-3 * self.law.max_speed_mm_s.0);
         let [low_m, high_m] = self.law.travel_mm.map(|end| 1e-3 * end.0);
-        let at_end = if offset_m > 0.0 { scanner_z_m >= high_m } else { scanner_z_m <= low_m };
-        if at_end { 0.0 } else { speed * offset_m.signum() }
+        let to_end_m = if offset_m > 0.0 { high_m - scanner_z_m } else { scanner_z_m - low_m };
+        speed.min(to_end_m.max(0.0) * self.rate_hz) * offset_m.signum()
     }
 }
 
@@ -126,7 +135,7 @@ mod tests {
 
     fn bed(text: &str) -> Result<Bed, ConfigError> {
         let node = Node::parse_text(text, "bed.toml", Path::new("."), &[])?;
-        Bed::from_node(&node, "scanner".into())
+        Bed::from_node(&node, "scanner".into(), 1.0)
     }
 
     fn estimate(at_s: f64, z_m: f64, sigma_m: f64) -> PublishedEstimate {
@@ -168,7 +177,9 @@ mod tests {
         assert_eq!(speed_mm_s(&mut bed, 4.0, Some(&estimate(1.0, 0.05, 1e-3)), 0.0), 0.0);
         assert_eq!(speed_mm_s(&mut bed, 1.0, Some(&estimate(1.0, 0.05, 0.02)), 0.0), 0.0);
         assert_eq!(speed_mm_s(&mut bed, 1.0, Some(&estimate(1.0, f64::NAN, 1e-3)), 0.0), 0.0);
-        // At the end of its travel it goes back alone.
+        // Of 30 mm that are left it goes 30 in the second until the next decision; at the end of its travel it goes back alone.
+        bed.law.max_speed_mm_s = Positive(1e3);
+        assert!((speed_mm_s(&mut bed, 1.0, Some(&estimate(1.0, 0.5, 1e-3)), 0.07) - 30.0).abs() < 1e-9);
         assert_eq!(speed_mm_s(&mut bed, 1.0, Some(&estimate(1.0, 0.3, 1e-3)), 0.1), 0.0);
         assert!(speed_mm_s(&mut bed, 1.0, Some(&estimate(1.0, -0.3, 1e-3)), 0.1) < 0.0);
         // A sensor that tells no place is not moved.
@@ -180,6 +191,7 @@ mod tests {
         for (text, key) in [
             ("travel_mm = [10, -10]", "travel_mm"),
             ("max_speed_mm_s = 0", "max_speed_mm_s"),
+            ("gain_per_s = 3", "gain_per_s"),
             ("speed = 1", "speed"),
         ] {
             let error = bed(text).unwrap_err().to_string();

@@ -3,7 +3,7 @@
 
 use lumenav_core::ReadingStream;
 use std::sync::mpsc::{Receiver, sync_channel};
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 /// Readings that may wait; what is kept in memory is so many and one more at each end.
 const WAITING: usize = 16;
@@ -23,8 +23,8 @@ pub(crate) fn read_ahead(stream: ReadingStream) -> ReadingStream {
         }
     };
     match thread::Builder::new().name("readings".to_owned()).spawn(reader) {
-        Ok(_) => match hand_over.send(stream) {
-            Ok(()) => Box::new(Ahead(receiver)),
+        Ok(thread) => match hand_over.send(stream) {
+            Ok(()) => Box::new(Ahead { receiver, thread: Some(thread) }),
             Err(unsent) => unsent.0,
         },
         Err(_) => stream,
@@ -32,13 +32,23 @@ pub(crate) fn read_ahead(stream: ReadingStream) -> ReadingStream {
 }
 
 /// What the thread has read.
-struct Ahead<T>(Receiver<T>);
+struct Ahead<T> {
+    receiver: Receiver<T>,
+    thread: Option<JoinHandle<()>>,
+}
 
 impl<T> Iterator for Ahead<T> {
     type Item = T;
 
     fn next(&mut self) -> Option<T> {
-        self.0.recv().ok()
+        if let Ok(item) = self.receiver.recv() {
+            return Some(item);
+        }
+        // The thread has ended. If by a panic, this is no end of the file.
+        if let Some(Err(panic)) = self.thread.take().map(JoinHandle::join) {
+            std::panic::resume_unwind(panic);
+        }
+        None
     }
 }
 
@@ -57,5 +67,12 @@ mod tests {
         let mut stream = read_ahead(Box::new(errors()));
         assert!(stream.next().is_some());
         drop(stream);
+    }
+
+    #[test]
+    #[should_panic(expected = "the reader's own")]
+    fn law_a_panic_of_the_reader_is_no_end_of_the_file() {
+        let stream = std::iter::once_with(|| panic!("the reader's own"));
+        read_ahead(Box::new(stream)).for_each(drop);
     }
 }

@@ -28,7 +28,7 @@ pub(crate) struct Control {
 pub(crate) fn controls(file: &ScenarioFile, sensors: &mut [NamedSensor]) -> Result<Vec<Control>, RunError> {
     let mut controls = Vec::new();
     for entry in &file.controllers {
-        let controller = lumenav_control::build(&entry.law, &entry.sensor)?;
+        let controller = lumenav_control::build(&entry.law, &entry.sensor, entry.rate_hz)?;
         let moved = sensors.iter_mut().find(|(name, _)| *name == entry.sensor);
         if let Some(Err(error)) = moved.map(|(_, sensor)| sensor.command(SimTime::ZERO, &Vector6::zeros())) {
             let message = format!("`{}` cannot be moved: {error}", entry.sensor);

@@ -95,7 +95,7 @@ impl Track {
         self.filter.as_deref()
     }
 
-    /// What it published last: what a controller sees.
+    /// What it published of the newest instant, unless it has given that belief up: what a controller sees.
     pub fn latest(&self) -> Option<&PublishedEstimate> {
         self.latest.as_ref()
     }
@@ -208,7 +208,13 @@ impl Track {
             estimate.pose = estimate.pose.clone().limited_to(resolved);
             step.revision = estimate.at > about && estimate.at <= self.newest;
             self.newest = self.newest.max(estimate.at);
-            self.latest = Some(estimate.clone());
+            if self.latest.as_ref().is_none_or(|latest| latest.at <= estimate.at) {
+                self.latest = Some(estimate.clone());
+            }
+        }
+        if step.lost.is_some() {
+            // What was given up is nothing to steer by.
+            self.latest = None;
         }
         step
     }

@@ -69,6 +69,8 @@ pub struct PetFrontEnd {
     markers: MarkerSet,
     tracked: Tracked,
     lines: Vec<Line>,
+    /// Most lines of a window that the filter is handed.
+    most_lines: Option<usize>,
     /// Windows for which the front end has insisted on its own pose.
     insisting: u32,
     /// Windows since a test preferred another order of the markers than the filter's, counted from 1; 0: not lately.
@@ -94,9 +96,16 @@ impl PetFrontEnd {
             markers,
             tracked: Tracked::default(),
             lines: Vec::new(),
+            most_lines: None,
             insisting: 0,
             since_order: 0,
         }
+    }
+
+    /// Hands the filter at most so many lines of a window.
+    #[must_use]
+    pub fn limited_to(self, most_lines: Option<usize>) -> Self {
+        Self { most_lines, ..self }
     }
 
     /// Where the capsule was so many seconds before the last window, by the velocity that a first pose from several windows came with:
@@ -111,7 +120,7 @@ impl PetFrontEnd {
         if self.symmetric { FixKind::Pointing } else { FixKind::Full }
     }
 
-    /// The window as the filter's model, about a pose; `None` where it holds too few lines.
+    /// The window as the filter's model, about a pose; [`Failure::TooFewLines`] where it holds too few.
     fn window_about(
         &self,
         pose: &Isometry3<f64>,
@@ -123,7 +132,7 @@ impl PetFrontEnd {
             about_world_m: centroid.coords,
             velocity_world_m_s: prior.map_or_else(Vector3::zeros, |p| p.velocity_world_m_s),
             at_s,
-            budget: None,
+            budget: self.most_lines,
         };
         let mut window = Window::default();
         window.prepare(&self.lines, &self.model.noise, &how, FEWEST_LINES)?;
@@ -190,7 +199,8 @@ impl PetFrontEnd {
         if self.tracked.shares.len() != self.markers.len() {
             return self.model.weights.clone();
         }
-        let explained = (1.0 - self.tracked.background_share) * self.tracked.used_lines as f64;
+        // The tracker may have looked at fewer lines than the filter is handed: its share is that of all.
+        let explained = (1.0 - self.tracked.background_share) * window.len() as f64;
         let near = window.near() as f64;
         Weights {
             shares: self.tracked.shares.clone(),
@@ -293,6 +303,8 @@ pub(crate) fn build(
         return Ok(Estimator::of_front_end(PointFrontEnd::new(setup.sensor.clone(), points, which)));
     }
     let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
+    // Tracker and filter look at the same lines.
+    let noise = Arc::new(noise.wide_enough_for(&markers));
     let tracker = tracker(options, &markers, &noise);
     let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
     let activity = markers.total_activity_bq();
@@ -303,13 +315,8 @@ pub(crate) fn build(
         window: Arc::default(),
         weights: Weights { shares, background: FIRST_BACKGROUND },
     };
-    Ok(Estimator::of_front_end(PetFrontEnd::new(
-        setup.sensor.clone(),
-        markers,
-        options.front_end,
-        tracker,
-        model,
-    )))
+    let front_end = PetFrontEnd::new(setup.sensor.clone(), markers, options.front_end, tracker, model);
+    Ok(Estimator::of_front_end(front_end.limited_to(options.most_lines.map(|n| n as usize))))
 }
 
 fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Box<dyn Tracker> {

@@ -54,7 +54,7 @@ pub struct WallDose {
     pub constant_sv_m2_per_h_bq: f64,
     /// Activity of all markers, Bq, taken to sit in the capsule's centre.
     pub total_activity_bq: f64,
-    /// Attenuation on the straight way from source to wall, 1/m; 0 gives the upper bound.
+    /// Attenuation on the straight way from source to wall, 1/m; 0: nothing in between.
     pub attenuation_per_m: f64,
     /// The wall is never nearer to the source than this, m: the capsule's radius, where a contracted lumen holds it.
     pub nearest_m: f64,
@@ -80,7 +80,7 @@ pub struct WallPoint {
 const STEP_SHARE: f64 = 0.1;
 
 impl WallDose {
-    /// Dose that a transit leaves along a tract's wall at rest. Between two points of the transit the capsule moves at a constant
+    /// Dose that a transit along the centre line leaves in a tract's wall at rest; a capsule that lies against the wall leaves more there. Between two points of the transit the capsule moves at a constant
     /// rate along the centre line; `None` where times run back or there are fewer than two points.
     pub fn along(&self, tract: &Tract, transit: &[TransitPoint]) -> Option<Vec<WallPoint>> {
         if transit.len() < 2 || self.stations < 2 || self.around == 0 {

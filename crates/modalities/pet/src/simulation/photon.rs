@@ -218,6 +218,35 @@ mod tests {
     }
 
     #[test]
+    fn law_a_body_that_moved_is_that_body_seen_from_elsewhere() {
+        let phantom = water(Vector3::zeros());
+        let (resting, mut moved) = (Body::new(Some(phantom.clone()), 330e3), Body::new(Some(phantom), 330e3));
+        let by_m = Vector3::new(0.01, -0.02, 0.07);
+        moved.move_to(by_m);
+        // Beside its middle, and so oblique that sign and axis of the shift tell.
+        let (place, direction) = (Vector3::new(0.05, 0.02, 0.06), Vector3::new(0.6, 0.0, 0.8));
+        let there = place + by_m;
+        let through = resting.transmission_511(&place, &direction);
+        assert!((moved.transmission_511(&there, &direction) - through).abs() < 1e-12);
+        assert!((moved.transmission_511(&place, &direction) - through).abs() > 0.05);
+        assert_eq!(
+            moved.chord_m(&there, &direction).is_some(),
+            resting.chord_m(&place, &direction).is_some()
+        );
+        let mut random = RandomStreams::new(4, 0, "photon").stream("moved", 0);
+        let n = 20_000;
+        let count = |random: &mut lumenav_core::RandomStream| {
+            let leaves = |_: &i32| {
+                let mut photon = Photon::emitted(there, direction, ELECTRON_REST_ENERGY_EV);
+                moved.leave(&mut photon, random) == Some(0)
+            };
+            (0..n).filter(leaves).count()
+        };
+        let share = count(&mut random) as f64 / f64::from(n);
+        assert!((share - through).abs() < 0.015, "{share} {through}");
+    }
+
+    #[test]
     fn law_energy_tells_the_angle_of_a_single_scattering() {
         let body = Body::new(Some(water(Vector3::zeros())), 330e3);
         let mut random = RandomStreams::new(5, 0, "photon").stream("walk", 0);

@@ -61,6 +61,7 @@ impl Tracker for Fcm {
     ) -> Result<(), Failure> {
         out.roles.clear();
         out.roles.resize(lines.len(), Role::Unused);
+        out.markers_world_m.clear();
         let done = self.window(lines, prior, out);
         self.classic.remember(done, out)
     }

@@ -61,8 +61,6 @@ const LINES_PER_FREEDOM: usize = 2;
 /// Background share before the first window, among the lines that pass near: 20 to 50 per cent of all (than2015 table 4.2), of which
 /// a fifth passes within 30 mm.
 pub const FIRST_BACKGROUND: f64 = 0.1;
-/// Lines that pass the outermost marker at less than 5 mm plus this are looked at, m: beyond, one true line in a hundred.
-const MARGIN_M: f64 = 0.015;
 /// Least gain of a pose over background alone, log-likelihood. A rule of thumb, for a mixture against background alone is not a regular
 /// test: half of what chi-square with 6 degrees of freedom exceeds once in ten thousand, and, for a search, once in 10⁹ (30³ places and 60
 /// attitudes that it can tell apart, one false alarm in a thousand searches). A true line gains 2 to 3.
@@ -133,9 +131,9 @@ pub struct Mixture {
 
 impl Mixture {
     /// For a marker set in a scanner.
-    pub fn new(set: &MarkerSet, mut noise: LineNoise, options: MixtureOptions) -> Self {
+    pub fn new(set: &MarkerSet, noise: LineNoise, options: MixtureOptions) -> Self {
         let body = Body::new(set);
-        noise.background_radius_m = noise.background_radius_m.max(body.spared_m + MARGIN_M);
+        let noise = noise.wide_enough_for(set);
         Self {
             likelihood: Likelihood::new(body.markers_m.clone()),
             shares: SharePrior { shares: body.shares.clone(), background: FIRST_BACKGROUND },
@@ -386,20 +384,13 @@ impl Mixture {
             };
             return Ok((self.first_pose(lines)?, Some(why)));
         };
-        let followed = self.follow(lines, &start, velocity, contained.as_ref());
-        match followed {
-            Ok(top) if top.converged && top.gain >= FOLLOWED_GAIN && !self.fell(&top) => {
-                if !self.is_test_due() {
-                    return Ok((top, None));
-                }
-                self.relocalize(lines, Some(top), ELSEWHERE, &start, velocity, contained.as_ref())
-            }
-            Err(failure @ Failure::TooFewLines { .. }) => Err(failure),
-            other => {
-                let followed = other.ok();
-                self.relocalize(lines, followed, BETTER, &start, velocity, contained.as_ref())
-            }
+        let top = self.follow(lines, &start, velocity, contained.as_ref())?;
+        let is_sound = top.converged && top.gain >= FOLLOWED_GAIN && !self.fell(&top);
+        if is_sound && !self.is_test_due() {
+            return Ok((top, None));
         }
+        let margin = if is_sound { ELSEWHERE } else { BETTER };
+        self.relocalize(lines, &top, margin, &start, velocity, contained.as_ref())
     }
 
     /// A search beside the pose that was followed; what was found is taken where it gains more by `margin`. Where that is ambiguous, the
@@ -407,7 +398,7 @@ impl Mixture {
     fn relocalize(
         &mut self,
         lines: &[Line],
-        followed: Option<Top>,
+        followed: &Top,
         margin: f64,
         start: &Isometry3<f64>,
         velocity_world_m_s: Vector3<f64>,
@@ -415,20 +406,18 @@ impl Mixture {
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
         let found = self.find(lines);
         let most = self.tops.first().map_or(f64::NEG_INFINITY, |top| top.gain);
-        let here = followed.map_or(f64::NEG_INFINITY, |top| self.gain_in_search(lines, &top));
+        let here = self.gain_in_search(lines, followed);
         match found {
             Ok(top) if most > here + margin => {
                 let top = self.follow(lines, &top.pose, Vector3::zeros(), None)?;
-                return Ok((top, Some(Reinitialized::LikelihoodFell)));
+                Ok((top, Some(Reinitialized::LikelihoodFell)))
             }
-            Err(failure @ Failure::Ambiguous { .. }) if followed.is_some() && most > here + ELSEWHERE => {
+            Err(failure @ Failure::Ambiguous { .. }) if most > here + ELSEWHERE => {
                 self.memory.doubted = true;
-                return Err(self.doubt(failure));
+                Err(self.doubt(failure))
             }
-            Err(failure) if followed.is_none() => return Err(failure),
-            _ => {}
+            _ => Ok((self.follow(lines, start, velocity_world_m_s, contained)?, None)),
         }
-        Ok((self.follow(lines, start, velocity_world_m_s, contained)?, None))
     }
 
     /// The gain of a top over the lines that a search looks at.
@@ -453,7 +442,9 @@ impl Mixture {
                 Ok((top, Some(Reinitialized::LikelihoodFell)))
             }
             Err(failure) => {
-                self.memory.doubted = matches!(failure, Failure::Ambiguous { .. });
+                // An empty window says nothing for or against it.
+                self.memory.doubted =
+                    matches!(failure, Failure::Ambiguous { .. } | Failure::TooFewLines { .. });
                 Err(self.doubt(failure))
             }
         }
@@ -525,7 +516,7 @@ impl Mixture {
     }
 
     /// What a good window teaches.
-    fn learn(&mut self, lines: &[Line], top: &Top, out: &mut Tracked) {
+    fn learn(&mut self, lines: &[Line], top: &Top, due: bool, out: &Tracked) {
         let known = &mut self.memory.mean_log_likelihoods;
         if known.len() >= REMEMBERED {
             known.remove(0);
@@ -540,7 +531,8 @@ impl Mixture {
         self.memory.markers_world_m.clone_from(&out.markers_world_m);
         self.memory.world_from_capsule = Some(out.world_from_capsule);
         self.remember(lines, &out.world_from_capsule);
-        if let Some(estimate) = &mut self.estimate {
+        // Where the order is about to be tested it may be wrong: such a window teaches nothing about the markers.
+        if let Some(estimate) = self.estimate.as_mut().filter(|_| !due) {
             estimate.add(&self.window, &self.likelihood, &out.world_from_capsule, &self.climber.weights);
             self.likelihood.markers_capsule_m.clone_from_slice(estimate.markers_m());
             self.memory.marker_estimate = Some(estimate.clone());
@@ -571,6 +563,7 @@ impl Tracker for Mixture {
     ) -> Result<(), Failure> {
         out.roles.clear();
         out.roles.resize(lines.len(), Role::Unused);
+        out.markers_world_m.clear();
         out.reinitialized = None;
         let due = self.is_test_due();
         let located = self.locate(lines, prior);
@@ -598,7 +591,7 @@ impl Tracker for Mixture {
             self.memory.recent.clear();
         }
         self.roles(&out.world_from_capsule, &mut out.roles);
-        self.learn(lines, &top, out);
+        self.learn(lines, &top, due, out);
         if due && self.memory.recent.len() == STACK {
             self.test_order(lines, prior, out);
         }
@@ -611,9 +604,11 @@ impl Tracker for Mixture {
 
     fn recall(&mut self, memory: Memory) {
         self.shares.background = memory.background_near.unwrap_or(FIRST_BACKGROUND);
-        if let Some(estimate) = &memory.marker_estimate {
+        if self.options.estimate_markers {
+            let estimate = memory.marker_estimate.clone();
+            let estimate = estimate.unwrap_or_else(|| MarkerEstimate::new(&self.body.markers_m));
             self.likelihood.markers_capsule_m.clone_from_slice(estimate.markers_m());
-            self.estimate = Some(estimate.clone());
+            self.estimate = Some(estimate);
         }
         self.memory = memory;
     }

@@ -19,6 +19,7 @@
 //! simulated or recorded line enters. [`BlockNoise::reference`] holds an independent study's numbers for 4 x 6 x 20 mm GSO crystals.
 
 use super::lanes::{Four, LANES, Three};
+use crate::markers::MarkerSet;
 use crate::scanner::Scanner;
 use crate::simulation::block::{BlockPhysics, kill_energy_ev, passes_window};
 use crate::simulation::source::ANNIHILATION_EV;
@@ -39,6 +40,8 @@ pub const ACOLLINEARITY_FWHM_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// pass at 20, 33, 53, 74, 91 mm (10 to 90 per cent, reduced scanner) or further (full ring), so their density over 30 mm varies
 /// by a tenth; 99 of 100 true lines pass within 20 mm of the triangle's centroid.
 pub const BACKGROUND_RADIUS_M: f64 = 0.030;
+/// Beyond this from the outermost marker's reach passes one true line in a hundred, m.
+const MARGIN_M: f64 = 0.015;
 /// Share of the background lines that pass within [`BACKGROUND_RADIUS_M`] of the markers, reduced scanner: even density between the
 /// quantiles above, and Rayleigh's law of 45 mm. On a full ring it is smaller.
 pub const BACKGROUND_NEAR: f64 = 0.20;
@@ -254,6 +257,14 @@ impl LineNoise {
             acollinearity_sd_rad: source.acollinearity_fwhm_rad / FWHM_PER_SD,
             background_radius_m: source.background_radius_m,
         }
+    }
+
+    /// With the region of even background widened, where a marker set is so large: lines that pass the outermost marker at less than 5 mm
+    /// plus [`MARGIN_M`] are looked at.
+    #[must_use]
+    pub fn wide_enough_for(&self, set: &MarkerSet) -> Self {
+        let least_m = super::body::Body::new(set).spared_m + MARGIN_M;
+        Self { background_radius_m: self.background_radius_m.max(least_m), ..self.clone() }
     }
 
     /// The blocks whose frames four places are told in.

@@ -60,6 +60,7 @@ impl Tracker for Rigid {
     ) -> Result<(), Failure> {
         out.roles.clear();
         out.roles.resize(lines.len(), Role::Unused);
+        out.markers_world_m.clear();
         let done = self.window(lines, prior, out);
         self.classic.remember(done, out)
     }
