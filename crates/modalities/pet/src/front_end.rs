@@ -304,7 +304,7 @@ pub(crate) fn build(
     }
     let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
     // Tracker and filter look at the same lines.
-    let noise = Arc::new(noise.wide_enough_for(&markers));
+    let noise = Arc::new((*noise).clone().wide_enough_for(&markers));
     let tracker = tracker(options, &markers, &noise);
     let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
     let activity = markers.total_activity_bq();

@@ -13,8 +13,10 @@ use nalgebra::{Cholesky, Const, Isometry3, Matrix6, Vector6};
 
 /// Steps before giving up; a warm start needs four, a poor one fifteen.
 const MAX_STEPS: u32 = 40;
-/// The climb ends where a step would gain less than this: a fiftieth of a standard deviation.
-const GAIN: f64 = 2e-4;
+/// A climb ends where a step would gain less than this: a fiftieth of a standard deviation.
+pub(crate) const FINE: f64 = 2e-4;
+/// As [`FINE`], where tops are compared and odds of e^3 decide: a tenth of a standard deviation.
+pub(crate) const COARSE: f64 = 5e-3;
 /// Longest step, m and rad: beyond it the quadratic form has nothing to say.
 const LONGEST_M: f64 = 4e-3;
 const LONGEST_RAD: f64 = 0.5;
@@ -76,7 +78,7 @@ impl Climber {
         }
     }
 
-    /// Climbs from `start`; afterwards [`Self::weights`] are those at the top.
+    /// Climbs from `start` by at most so many steps, until one would gain less than `gain`; afterwards [`Self::weights`] are those at the top.
     pub(crate) fn climb(
         &mut self,
         likelihood: &Likelihood,
@@ -84,7 +86,7 @@ impl Climber {
         start: &Isometry3<f64>,
         shares: &SharePrior,
         prior: Option<&NormalPrior>,
-        steps: u32,
+        (steps, gain): (u32, f64),
     ) -> Top {
         self.weights.shares.clone_from(&shares.shares);
         self.weights.background = shares.background;
@@ -94,7 +96,7 @@ impl Climber {
         for _ in 0..steps.min(MAX_STEPS) {
             let floor = self.floor(&top);
             let Some(step) = damped_step(&top.information, &gradient, &floor, &mut damping) else { break };
-            if step.dot(&gradient) < GAIN && damping == 0.0 {
+            if step.dot(&gradient) < gain && damping == 0.0 {
                 top.converged = true;
                 break;
             }

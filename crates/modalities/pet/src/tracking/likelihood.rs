@@ -436,17 +436,17 @@ pub(crate) fn likeliest_origins(
     shapes: &[Shapes],
     placed: &[Placed],
     background: f64,
-    origins: &mut Vec<Four>,
+    found: &mut Vec<Four>,
 ) {
-    origins.clear();
-    Arch::new().dispatch(Origins { shapes, placed, background, origins });
+    found.clear();
+    Arch::new().dispatch(Origins { shapes, placed, background, found });
 }
 
 struct Origins<'a> {
     shapes: &'a [Shapes],
     placed: &'a [Placed],
     background: f64,
-    origins: &'a mut Vec<Four>,
+    found: &'a mut Vec<Four>,
 }
 
 impl WithSimd for Origins<'_> {
@@ -462,7 +462,7 @@ impl WithSimd for Origins<'_> {
                 origin = most.less_select(of_marker, Four::splat(marker as f64), origin);
                 most = of_marker.max(most);
             }
-            self.origins.push(origin);
+            self.found.push(origin);
         }
     }
 }

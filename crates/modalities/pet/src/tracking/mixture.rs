@@ -21,7 +21,7 @@ mod start;
 use super::body::Body;
 use super::budget::Budget;
 use super::centroid::{Centroid, Weight};
-use super::climb::{Climber, Limits, NormalPrior, SharePrior, Top, covariance};
+use super::climb::{COARSE, Climber, FINE, Limits, NormalPrior, SharePrior, Top, covariance};
 use super::densest::{densest, distance_m};
 use super::estimate_markers::MarkerEstimate;
 use super::failure::Failure;
@@ -221,8 +221,14 @@ impl Mixture {
         let found = self.search.find(self.centroid.kept_rays(), &centre, &self.body.arms_m);
         for (_, turn) in found {
             let start = self.body.at_centroid(&self.window.origin_world_m, turn);
-            let top =
-                self.climber.climb(&self.likelihood, &self.window, &start, &self.shares, None, SEARCH_STEPS);
+            let top = self.climber.climb(
+                &self.likelihood,
+                &self.window,
+                &start,
+                &self.shares,
+                None,
+                (SEARCH_STEPS, COARSE),
+            );
             self.tops.push(top);
         }
         Ok(())
@@ -298,7 +304,7 @@ impl Mixture {
             budget: self.budget(),
         };
         self.window.prepare(lines, &self.noise, &how, self.needed())?;
-        Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, FULL_STEPS))
+        Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, (FULL_STEPS, FINE)))
     }
 
     /// Whether place and order are to be tested in this window.
@@ -334,7 +340,7 @@ impl Mixture {
             }
             let mut climb = |start: &Isometry3<f64>| {
                 self.climber
-                    .climb(&self.likelihood, &self.other, start, &self.shares, None, TEST_STEPS)
+                    .climb(&self.likelihood, &self.other, start, &self.shares, None, (TEST_STEPS, COARSE))
                     .objective
             };
             here += climb(pose);
@@ -431,7 +437,7 @@ impl Mixture {
             return f64::NEG_INFINITY;
         }
         let climber = &mut self.climber;
-        climber.climb(&self.likelihood, &self.other, &top.pose, &self.shares, None, TEST_STEPS).gain
+        climber.climb(&self.likelihood, &self.other, &top.pose, &self.shares, None, (TEST_STEPS, COARSE)).gain
     }
 
     /// A search in place of a pose that is doubted. The doubt ends where a search finds one pose, or no sign of another.

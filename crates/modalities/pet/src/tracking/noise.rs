@@ -262,9 +262,9 @@ impl LineNoise {
     /// With the region of even background widened, where a marker set is so large: lines that pass the outermost marker at less than 5 mm
     /// plus [`MARGIN_M`] are looked at.
     #[must_use]
-    pub fn wide_enough_for(&self, set: &MarkerSet) -> Self {
+    pub fn wide_enough_for(self, set: &MarkerSet) -> Self {
         let least_m = super::body::Body::new(set).spared_m + MARGIN_M;
-        Self { background_radius_m: self.background_radius_m.max(least_m), ..self.clone() }
+        Self { background_radius_m: self.background_radius_m.max(least_m), ..self }
     }
 
     /// The blocks whose frames four places are told in.
