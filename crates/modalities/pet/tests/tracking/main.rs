@@ -3,6 +3,7 @@
 #![allow(dead_code, reason = "one support file for tests, benches and the table of examples")]
 
 mod consistency;
+mod doubt;
 mod few_lines;
 mod misuse;
 mod points;
