@@ -395,24 +395,28 @@ impl Mixture {
         if is_sound && !self.is_test_due() {
             return Ok((top, None));
         }
-        let margin = if is_sound { ELSEWHERE } else { BETTER };
-        self.relocalize(lines, &top, margin, &start, velocity, contained.as_ref())
+        self.relocalize(lines, (&top, is_sound), &start, velocity, contained.as_ref())
     }
 
-    /// A search beside the pose that was followed; what was found is taken where it gains more by `margin`. Where that is ambiguous, the
+    /// A search beside the pose that was followed; what was found is taken where it gains more by a margin. Where that is ambiguous, the
     /// followed pose is doubted: it is not the answer, nor is a prediction looked at until a search has told.
     fn relocalize(
         &mut self,
         lines: &[Line],
-        followed: &Top,
-        margin: f64,
+        (followed, is_sound): (&Top, bool),
         start: &Isometry3<f64>,
         velocity_world_m_s: Vector3<f64>,
         contained: Option<&NormalPrior>,
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
         let found = self.find(lines);
-        let most = self.tops.first().map_or(f64::NEG_INFINITY, |top| top.gain);
+        // Of a sound pose only another place is looked for: the same one, a little better without a velocity, is none.
+        let most = self
+            .tops
+            .first()
+            .filter(|top| !is_sound || self.body.distance_m(&top.pose, &followed.pose) > SAME_POSE_M);
+        let most = most.map_or(f64::NEG_INFINITY, |top| top.gain);
         let here = self.gain_in_search(lines, followed);
+        let margin = if is_sound { ELSEWHERE } else { BETTER };
         match found {
             Ok(top) if most > here + margin => {
                 let top = self.follow(lines, &top.pose, Vector3::zeros(), None)?;
