@@ -262,7 +262,7 @@ fn bed(sheet: &mut Sheet, out: &Path) {
     sheet.row("- bed control", &format!("run {BED}, with and without its [[controller]]"), ask, || {
         let text = std::fs::read_to_string(root().join(BED)).map_err(|e| e.to_string())?;
         let standing = out.join("standing.toml");
-        let without = text.split("[[controller]]").next().unwrap_or_default();
+        let (without, _) = text.split_once("\n[[controller]]").ok_or("no controller to leave out")?;
         std::fs::write(&standing, without).map_err(|e| e.to_string())?;
         let standing = standing.to_str().ok_or("no UTF-8 folder")?;
         let models = root().join("models");
