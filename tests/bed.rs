@@ -125,5 +125,7 @@ fn law_what_cannot_be_moved_or_followed_is_named() {
         let message = run(folder.path(), name, &text).fails(3);
         assert!(message.contains(words) && message.contains(&format!("{name}.toml")), "{name}: {message}");
         assert!(!folder.path().join(name).exists(), "a refused run left its folder");
+        let dry = run(folder.path(), name, &text).arg("--dry-run").fails(3);
+        assert!(dry.contains(words), "{name}, dry run: {dry}");
     }
 }

@@ -103,6 +103,13 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
             text = format!("{text}\n{name}, {period}: {}", of_period(figures));
         }
     }
+    for (name, moved) in &metrics.controllers {
+        let [low_mm, high_mm] = moved.range_z_mm;
+        text = format!(
+            "{text}\n{name}: moved its sensor by {:.0} mm in all, from {low_mm:.0} to {high_mm:.0} mm along z",
+            moved.travel_mm
+        );
+    }
     for line in expectations(metrics) {
         text = format!("{text}\n{line}");
     }

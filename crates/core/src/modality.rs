@@ -47,6 +47,9 @@ pub enum ModalityError {
     /// Bytes that are not a snapshot of this front end.
     #[error("these bytes are not a snapshot of this front end")]
     Snapshot,
+    /// The sensor cannot be moved.
+    #[error("sensors of this modality stay where they are installed")]
+    Immovable,
     /// The modality cannot do this at all.
     #[error("modality `{kind}` {what}")]
     Unsupported {

@@ -45,9 +45,9 @@ pub trait Sensor: Send {
     /// Is moved from `at` on: its own frame flies with this twist (m/s, rad/s) in the world. Asked in the order of time.
     ///
     /// # Errors
-    /// [`ModalityError::Unsupported`] where it cannot be moved at all, or not so.
+    /// [`ModalityError::Immovable`] where it cannot be moved at all, [`ModalityError::Unsupported`] where not so.
     fn command(&mut self, _at: SimTime, _twist_world: &Vector6<f64>) -> Result<(), ModalityError> {
-        Err(ModalityError::Unsupported { kind: "fixed", what: "cannot be moved" })
+        Err(ModalityError::Immovable)
     }
 
     /// `world_from_sensor` as its encoders tell it at an instant after the last command; `None` where it cannot be moved.

@@ -102,7 +102,7 @@ pub fn stage(file: &ScenarioFile, seed: u64, trial: u64) -> Result<Stage, Scenar
 /// The first [`lumenav_pipeline::RunError`].
 pub fn check(file: &ScenarioFile, registry: &Registry) -> Result<(), lumenav_pipeline::RunError> {
     let stage = stage(file, file.scenario.seed, 0)?;
-    lumenav_pipeline::build::sensors(file, registry, stage.map.as_ref())?;
+    let mut sensors = lumenav_pipeline::build::sensors(file, registry, stage.map.as_ref())?;
     lumenav_pipeline::build::tracks(file, registry, stage.map.as_ref())?;
-    Ok(())
+    lumenav_pipeline::build::check_controllers(file, &mut sensors)
 }

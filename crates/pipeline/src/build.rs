@@ -59,6 +59,12 @@ pub fn readers(
     file: &ScenarioFile,
     registry: &Registry,
 ) -> Result<Vec<(Name, lumenav_core::ReadingStream)>, RunError> {
+    if let Some(controller) = file.controllers.first() {
+        return Err(controller
+            .node
+            .error("a replay has no controllers: what was recorded does not move")
+            .into());
+    }
     file.sensors
         .iter()
         .map(|entry| {
@@ -70,6 +76,14 @@ pub fn readers(
             Ok((entry.name.clone(), stream))
         })
         .collect()
+}
+
+/// Checks the controllers of a scenario, and that what they move can be moved.
+///
+/// # Errors
+/// [`RunError`] with file, line and key.
+pub fn check_controllers(file: &ScenarioFile, sensors: &mut [NamedSensor]) -> Result<(), RunError> {
+    crate::control::controls(file, sensors).map(drop)
 }
 
 /// The tracks of a scenario, each with front ends of its own.
