@@ -260,7 +260,7 @@ impl LineNoise {
     }
 
     /// With the region of even background widened, where a marker set is so large: lines that pass the outermost marker at less than 5 mm
-    /// plus [`MARGIN_M`] are looked at.
+    /// plus 15 mm are looked at.
     #[must_use]
     pub fn wide_enough_for(self, set: &MarkerSet) -> Self {
         let least_m = super::body::Body::new(set).spared_m + MARGIN_M;
