@@ -1,6 +1,6 @@
 //! Closed-loop actuation: controllers see what a track has published and what encoders tell, never the truth.
 //!
-//! A controller implements [`Controller`](lumenav_core::Controller); [`CONTROLLERS`] are those that a scenario can ask for by name in
+//! A controller implements [`Controller`]; [`CONTROLLERS`] are those that a scenario can ask for by name in
 //! `[controller.law]`. There is one: [`bed`] keeps the capsule near the middle of a scanner.
 
 pub mod bed;
