@@ -66,9 +66,10 @@ fn law_a_moved_scanner_tells_its_place_and_replays_to_the_same_track() {
     write!(
         replay,
         "[[sensor]]\nname = \"scanner\"\nmodality = \"pet\"\n[sensor.installed]\nscanner = \"reduced\"\n\
-         [sensor.files]\nlines = {:?}\n[[track]]\nname = \"pet\"\nsensors = [\"scanner\"]\n\
+         [sensor.files]\nlines = {:?}\nposes = {{ scanner = {:?} }}\n[[track]]\nname = \"pet\"\nsensors = [\"scanner\"]\n\
          [track.sensor.scanner]\nfront_end = \"lines\"\n",
-        readings.join("scanner.csv")
+        readings.join("scanner.csv"),
+        readings.join("scanner.scanner.tum")
     )
     .expect("text grows");
     let file = folder.path().join("again.toml");

@@ -111,6 +111,7 @@ fn fix(sequence: u64, at: SimTime, pose: &PoseEstimate) -> Measurement {
         model: Arc::new(FixModel),
         prior_use: PriorUse::None,
         fix: Some(pose.clone()),
+        motion: None,
     }
 }
 

@@ -34,7 +34,7 @@ use crate::measurement::{Instant, Linearization, Measurement, MeasurementModel, 
 use crate::modality::ModalityError;
 use crate::pose::{log_so3, right_jacobian_inverse_so3, skew, tangent_basis};
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix2, Matrix2x3, Matrix6, Quaternion, Translation3, UnitQuaternion,
+    DMatrix, DVector, Isometry3, Matrix2, Matrix2x3, Matrix6, Quaternion, SMatrix, Translation3, UnitQuaternion,
     Vector2, Vector3,
 };
 use std::sync::{Arc, LazyLock};
@@ -73,6 +73,23 @@ pub struct PoseEstimate {
     pub covariance: Matrix6<f64>,
     /// What of it is known.
     pub kind: FixKind,
+}
+
+/// How the capsule moves, beside a fix, from a front end that saw it over some time: what a filter starts from.
+///
+/// The velocity is measured alone: a filter that starts from it joins it with what it believes of a velocity at the start. Of the rate a
+/// few windows say little: it holds what the front end believed beforehand, and is taken as it is.
+///
+/// The roll is known here even where the fix does not claim it: a source whose markers look alike after a turn cannot tell one pose from
+/// its twin, but it knows how it goes on from the one that it chose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionEstimate {
+    /// Velocity of the capsule's origin, world, m/s.
+    pub velocity_world_m_s: Vector3<f64>,
+    /// Angular rate, rad/s.
+    pub angular_rate_capsule_rad_s: Vector3<f64>,
+    /// Covariance of the error `[δp_world, δθ_capsule, δv_world, δω_capsule]` of the fix's pose and the motion together, SI.
+    pub covariance: SMatrix<f64, 12, 12>,
 }
 
 /// Schema of a fix: position, quaternion (scalar last), upper triangle of the covariance row by row, degrees of freedom.
@@ -292,6 +309,7 @@ mod tests {
             model: Arc::new(FixModel),
             prior_use: PriorUse::None,
             fix: None,
+            motion: None,
         }
     }
 

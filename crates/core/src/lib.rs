@@ -37,7 +37,7 @@ pub mod units;
 
 pub use config::{ConfigError, Node, Resolved, ResolvedLog, ResolvedRow};
 pub use control::{Command, Controller, PublishedEstimate};
-pub use fix::{FixKind, PoseEstimate};
+pub use fix::{FixKind, MotionEstimate, PoseEstimate};
 pub use frame::{Column, ColumnSpec, Frame, FrameError, Reading, Rows, Schema};
 pub use front_end::{Estimator, FrontEnd, MotionInput, MotionSample, Outcome, PosePrior};
 pub use measurement::{

@@ -4,7 +4,7 @@
 //! the mean, and a model that sees a covariance will use it twice.
 
 use crate::Name;
-use crate::fix::PoseEstimate;
+use crate::fix::{MotionEstimate, PoseEstimate};
 use crate::frame::{Frame, Reading};
 use crate::modality::ModalityError;
 use crate::time::SimTime;
@@ -208,6 +208,8 @@ pub struct Measurement {
     pub prior_use: PriorUse,
     /// The front end's own pose, where it makes one: the estimate of a track without a filter, the start of one with.
     pub fix: Option<PoseEstimate>,
+    /// How the capsule moves, beside the fix, where the front end saw it over some time: looked at where the fix starts a filter.
+    pub motion: Option<MotionEstimate>,
 }
 
 impl Measurement {
@@ -223,6 +225,7 @@ impl Measurement {
             model,
             prior_use: PriorUse::None,
             fix: None,
+            motion: None,
         }
     }
 }

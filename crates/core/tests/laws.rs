@@ -101,6 +101,7 @@ fn measurement(model: Arc<dyn MeasurementModel>) -> Measurement {
         model,
         prior_use: PriorUse::None,
         fix: None,
+        motion: None,
     }
 }
 

@@ -115,6 +115,7 @@ fn measurement(model: &Arc<Model>, at: SimTime, sequence: u64) -> Measurement {
         model: model.clone(),
         prior_use: PriorUse::None,
         fix: None,
+        motion: None,
     }
 }
 

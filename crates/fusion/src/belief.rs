@@ -28,7 +28,7 @@
 use crate::dense::{carry, turn};
 use lumenav_core::pose::{exp_so3, renormalize, right_jacobian_so3, skew};
 use lumenav_core::{
-    AxisStep, BlockSpec, FixKind, Instant, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate,
+    AxisStep, BlockSpec, FixKind, Instant, MotionEstimate, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate,
     SimTime,
 };
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3xX, Matrix6, MatrixXx3, Vector3};
@@ -78,6 +78,36 @@ impl Belief {
             covariance[(RATE + i, RATE + i)] = rate_sigma_rad_s.powi(2);
         }
         Self { at, state: NominalState::at_rest(fix.world_from_capsule), covariance, blocks: Arc::default() }
+    }
+
+    /// A belief without blocks takes the motion that was measured beside the fix for its own. The velocity is joined with the one believed at the start, v ~ N(0,
+    /// σ² I): the belief is a measurement of the measured state, `0 = v + n`:
+    ///
+    /// ```text
+    /// K = P[·, v] (P[v, v] + σ² I)⁻¹      δ = -K v      P' = P - K P[v, ·]
+    /// ```
+    #[must_use]
+    pub fn moving(mut self, measured: &MotionEstimate, velocity_sigma_m_s: f64) -> Self {
+        self.covariance.fixed_view_mut::<CORE, CORE>(0, 0).copy_from(&measured.covariance);
+        self.state.velocity_world_m_s = measured.velocity_world_m_s;
+        self.state.angular_rate_capsule_rad_s = measured.angular_rate_capsule_rad_s;
+        self.rate_to_world();
+        let of_velocity = self.covariance.fixed_view::<3, 3>(VELOCITY, VELOCITY).into_owned();
+        let spread = of_velocity + Matrix3::identity() * velocity_sigma_m_s.powi(2);
+        let Some(inverse) = spread.try_inverse() else { return self };
+        let columns = self.covariance.columns(VELOCITY, 3).into_owned();
+        let gain = &columns * inverse;
+        self.covariance -= &gain * columns.transpose();
+        let error = -(&gain * measured.velocity_world_m_s);
+        self.inject(&error);
+        self
+    }
+
+    /// From rows and columns of the rate that hold δω_capsule to δω_world = R (δω_capsule - [ω]ₓ δθ).
+    fn rate_to_world(&mut self) {
+        let world_from_capsule = self.capsule_from_world().transpose();
+        let of_angle = -(world_from_capsule * skew(&self.state.angular_rate_capsule_rad_s));
+        self.mix_rate(&Matrix3::identity(), &Matrix3::zeros(), &of_angle, &world_from_capsule);
     }
 
     /// Number of error columns.
@@ -209,10 +239,7 @@ impl Belief {
         add_block(&mut self.covariance, 3, RATE, &cross);
         add_block(&mut self.covariance, RATE, 3, &cross.transpose());
         self.state.angular_rate_capsule_rad_s = sample.angular_rate_capsule_rad_s;
-        // So far the rate's rows held δω_capsule: δω_world = R (δω_capsule - [ω]ₓ δθ).
-        let world_from_capsule = self.capsule_from_world().transpose();
-        let of_angle = -(world_from_capsule * skew(&sample.angular_rate_capsule_rad_s));
-        self.mix_rate(&Matrix3::identity(), &Matrix3::zeros(), &of_angle, &world_from_capsule);
+        self.rate_to_world();
         self.translate(dt_s, motion);
         self.walk_blocks(dt_s);
         self.at = to;

@@ -25,8 +25,8 @@ use crate::update::{propose, worst_channels};
 use lumenav_core::pose::exp_so3;
 use lumenav_core::time::nanoseconds;
 use lumenav_core::{
-    BlockSpec, ConfigError, FixKind, Instant, Linearization, Measurement, ModalityError, MotionInput, Name,
-    Node, Part, PoseEstimate, PosePrior, PriorUse, PublishedEstimate, Reading, SimTime,
+    BlockSpec, ConfigError, FixKind, Instant, Linearization, Measurement, ModalityError, MotionEstimate, MotionInput,
+    Name, Node, Part, PoseEstimate, PosePrior, PriorUse, PublishedEstimate, Reading, SimTime,
 };
 use nalgebra::{Isometry3, Matrix6, Translation3, Vector3};
 use std::collections::{BTreeMap, VecDeque};
@@ -137,7 +137,7 @@ impl Eskf {
             covariance,
             kind: FixKind::Full,
         };
-        let mut belief = self.fresh_belief(SimTime::ZERO, &fix);
+        let mut belief = self.fresh_belief(SimTime::ZERO, &fix, None);
         belief.state.velocity_world_m_s = Vector3::from(prior.velocity_mm_s.map(|v| v.0 * 1e-3));
         self.stage.belief = Some(belief);
         self.newest = SimTime::ZERO;
@@ -145,10 +145,13 @@ impl Eskf {
         self
     }
 
-    fn fresh_belief(&self, at: SimTime, fix: &PoseEstimate) -> Belief {
+    fn fresh_belief(&self, at: SimTime, fix: &PoseEstimate, measured: Option<&MotionEstimate>) -> Belief {
         let velocity = self.options.initial_velocity_sigma_m_s.0;
         let rate = self.options.initial_rate_sigma_rad_s.0;
         let mut belief = Belief::start(at, fix, velocity, rate);
+        if let Some(measured) = measured {
+            belief = belief.moving(measured, velocity);
+        }
         for block in &self.blocks {
             belief.add_block(block);
         }
@@ -395,7 +398,7 @@ impl Eskf {
 
     fn start_from(&mut self, measurement: &Measurement) -> Offered {
         let Some(fix) = &measurement.fix else { return Offered::refused(Refused::NotStarted) };
-        let mut belief = self.fresh_belief(measurement.at, fix);
+        let mut belief = self.fresh_belief(measurement.at, fix, measurement.motion.as_ref());
         if let Some(kept) = &self.stage.kept {
             belief.restore_blocks(kept);
         }

@@ -60,6 +60,7 @@ pub fn measurement(
         model,
         prior_use: PriorUse::None,
         fix: None,
+        motion: None,
     }
 }
 

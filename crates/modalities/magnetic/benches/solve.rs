@@ -167,6 +167,7 @@ fn linearize(bencher: Bencher<'_, '_>, source: FieldSource) {
         value: Arc::new(frame),
         model: model.clone(),
         prior_use: PriorUse::None,
+        motion: None,
         fix: Some(PoseEstimate {
             world_from_capsule: pose,
             covariance: Matrix6::zeros(),

@@ -260,6 +260,7 @@ impl MagneticFrontEnd {
             model,
             prior_use: if warm { PriorUse::StartOnly } else { PriorUse::None },
             fix,
+            motion: None,
         }])
     }
 }

@@ -32,12 +32,12 @@ use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
 use crate::tracking::{Failure, Limits, Memory, Prior, Reinitialized, Tracked, Tracker};
 use lumenav_core::fix::FixModel;
-use lumenav_core::pose::ominus;
+use lumenav_core::pose::{ominus, oplus};
 use lumenav_core::{
     Estimator, FixKind, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate,
     PosePrior, Primitive, PriorUse, Reading, Setup,
 };
-use nalgebra::{Isometry3, Matrix6, Vector3};
+use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -108,11 +108,13 @@ impl PetFrontEnd {
         Self { most_lines, ..self }
     }
 
-    /// Where the capsule was so many seconds before the last window, by the velocity that a first pose from several windows came with:
+    /// Where the capsule was so many seconds before the last window, by the motion that a first pose from several windows came with:
     /// the late answer to windows that said too little by themselves.
     pub fn earlier(&self, seconds: f64) -> Isometry3<f64> {
-        let velocity = self.tracker.memory().start_velocity_world_m_s.unwrap_or_default();
-        nalgebra::Translation3::from(-velocity * seconds) * self.tracked.world_from_capsule
+        let pose = self.tracked.world_from_capsule;
+        let Some(motion) = &self.tracked.motion else { return pose };
+        let rates = [motion.velocity_world_m_s, motion.angular_rate_capsule_rad_s];
+        oplus(&pose, &Vector6::from_fn(|i, _| -seconds * rates[i / 3][i % 3]))
     }
 
     /// What a pose of these markers can claim.
@@ -166,6 +168,8 @@ impl PetFrontEnd {
             value: Arc::new(value),
             model,
             prior_use,
+            // Where the tracker has just found the pose from several windows, how it moved meanwhile.
+            motion: fix.as_ref().and(self.tracked.motion.clone()),
             fix,
         }])
     }
@@ -405,6 +409,8 @@ impl FrontEnd for PetFrontEnd {
         let vague = prior.as_ref().is_some_and(|prior| is_vague(prior, self.symmetric));
         // Neither a prediction that does not know nor one that is contradicted is a place to start from.
         let hint = prior.as_ref().filter(|_| !vague && self.insisting == 0);
+        let scanner = reading.known_poses.get(payload::SCANNER);
+        self.tracker.scanner_at(&scanner.map_or_else(Vector3::zeros, |pose| pose.translation.vector));
         let tracked = self.tracker.track_into(&self.lines, hint, &mut self.tracked);
         Ok(match (self.output, &prior, tracked) {
             (Output::Lines, Some(prior), tracked) if !vague => self.lines_outcome(reading, prior, &tracked),

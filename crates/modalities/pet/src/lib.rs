@@ -15,6 +15,7 @@
 //! thesis, University of Wollongong, 2015 (`than2015`), with its slips corrected where a file's head says so.
 
 pub mod config;
+pub mod coverage;
 pub mod front_end;
 pub mod line;
 pub mod markers;

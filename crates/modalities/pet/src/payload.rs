@@ -8,6 +8,9 @@ use lumenav_core::{Column, Frame, ModalityError, Schema};
 use nalgebra::Vector3;
 use std::sync::{Arc, LazyLock};
 
+/// Where a bed has put the scanner, as a reading names it: `world_from_scanner`.
+pub const SCANNER: &str = "scanner";
+
 /// Name and version of the schema.
 pub const SCHEMA: &str = "lines_of_response/1";
 /// Its columns.

@@ -58,7 +58,7 @@ pub use rigid::Rigid;
 pub use window::{Preparation, Window};
 
 use crate::line::Line;
-use lumenav_core::PriorUse;
+use lumenav_core::{MotionEstimate, PriorUse};
 use nalgebra::{Isometry3, Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -123,6 +123,8 @@ pub struct Tracked {
     pub reinitialized: Option<Reinitialized>,
     /// What the prior did to the pose.
     pub prior_use: PriorUse,
+    /// The motion that a pose from several windows came with (`mixture`).
+    pub motion: Option<MotionEstimate>,
 }
 
 impl Default for Tracked {
@@ -139,6 +141,7 @@ impl Default for Tracked {
             ambiguous: Vec::new(),
             reinitialized: None,
             prior_use: PriorUse::None,
+            motion: None,
         }
     }
 }
@@ -178,6 +181,9 @@ pub trait Tracker: Send {
         let mut out = Tracked::default();
         self.track_into(lines, prior, &mut out).map(|()| out)
     }
+
+    /// Where the scanner stands in the frame of the lines, if a bed moves it: beforehand, for each window. At the origin until told.
+    fn scanner_at(&mut self, _place_world_m: &Vector3<f64>) {}
 
     /// What it keeps from window to window.
     fn memory(&self) -> Memory;
@@ -225,8 +231,6 @@ pub struct Memory {
     pub mean_log_likelihoods: Vec<f64>,
     /// Marker positions in the capsule's frame as estimated so far; `None` where they are not estimated.
     pub marker_estimate: Option<estimate_markers::MarkerEstimate>,
-    /// Velocity that a first pose from several windows came with, m/s (`mixture`).
-    pub start_velocity_world_m_s: Option<Vector3<f64>>,
     /// A search found that the followed pose, or the prediction, is wrong, and not yet which is right (`mixture`).
     pub doubted: bool,
     /// The last windows: their lines and the pose given for each.

@@ -69,6 +69,7 @@ fn measurement(model: &LinesModel, lines: &[Line]) -> Measurement {
         model: Arc::new(model.clone()),
         prior_use: PriorUse::StartOnly,
         fix: None,
+        motion: None,
     }
 }
 

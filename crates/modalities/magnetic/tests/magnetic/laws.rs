@@ -28,6 +28,7 @@ fn measurement(value: Frame, model: Arc<dyn MeasurementModel>) -> Measurement {
         model,
         prior_use: PriorUse::None,
         fix: None,
+        motion: None,
     }
 }
 

@@ -73,6 +73,7 @@ impl FrontEnd for PointFrontEnd {
             model: Arc::new(FixModel),
             prior_use: PriorUse::None,
             fix: Some(fix),
+            motion: None,
         }]))
     }
 

@@ -8,8 +8,10 @@
 use super::failure::Failure;
 use super::likelihood::{Evaluation, Likelihood, Weights};
 use super::window::Window;
+use crate::coverage::Coverage;
 use lumenav_core::pose::{ominus, oplus, right_jacobian_inverse_so3};
-use nalgebra::{Cholesky, Const, Isometry3, Matrix6, Vector6};
+use nalgebra::{Cholesky, Const, Isometry3, Matrix6, Vector3, Vector6};
+use std::sync::Arc;
 
 /// Steps before giving up; a warm start needs four, a poor one fifteen.
 const MAX_STEPS: u32 = 40;
@@ -25,10 +27,13 @@ const FLOOR_POSITION: f64 = 1.0 / (3e-3 * 3e-3);
 const FLOOR_ROTATION: f64 = FLOOR_POSITION * 5e-3 * 5e-3;
 /// First damping after a refused step.
 const FIRST_DAMPING: f64 = 0.1;
-/// Strength of the prior of the markers' shares, lines: activities are known to some per cent, attenuation hardly differs over 13 mm.
+/// Strength of the prior of the markers' shares, lines: activities are known to some per cent, what the scanner sees of them is computed,
+/// attenuation hardly differs over 13 mm.
 const SHARE_LINES: f64 = 200.0;
 /// Strength of the background's prior, lines: half a window of the thinnest row.
 const BACKGROUND_LINES: f64 = 25.0;
+/// Spread evenly over the markers, whatever the scanner sees of them: none is without a voice.
+const LEAST_SEEN: f64 = 0.03;
 /// A background of none or of all would leave the other without a voice.
 const BACKGROUND_LIMITS: [f64; 2] = [0.01, 0.97];
 
@@ -42,8 +47,32 @@ pub(crate) struct NormalPrior {
 /// The shares before a window.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SharePrior {
+    /// Shares of the activity.
     pub(crate) shares: Vec<f64>,
+    /// What the scanner sees of a marker from where it is.
+    pub(crate) coverage: Arc<Coverage>,
+    /// Where the scanner stands in the lines' frame, m.
+    pub(crate) scanner_world_m: Vector3<f64>,
     pub(crate) background: f64,
+}
+
+impl SharePrior {
+    /// Shares of the lines of markers at a pose: activity times solid angle. Outside the field of view, where no marker is seen or all but
+    /// none, those of the activity.
+    fn at(&self, likelihood: &Likelihood, pose: &Isometry3<f64>, shares: &mut Vec<f64>) {
+        shares.clear();
+        for (activity, at) in self.shares.iter().zip(&likelihood.markers_capsule_m) {
+            let place = pose.transform_point(&(*at).into()).coords - self.scanner_world_m;
+            shares.push(activity * self.coverage.solid_angle_sr(&place));
+        }
+        let total: f64 = shares.iter().sum();
+        if !(total > 0.0) {
+            return shares.clone_from(&self.shares);
+        }
+        let least = LEAST_SEEN / shares.len() as f64;
+        let kept = 1.0 - LEAST_SEEN;
+        shares.iter_mut().for_each(|share| *share = least + kept * *share / total);
+    }
 }
 
 /// Where a climb ended.
@@ -63,10 +92,38 @@ pub(crate) struct Top {
     pub(crate) converged: bool,
 }
 
+impl Top {
+    /// A pose about which no line has said anything.
+    pub(crate) fn nothing_at(pose: &Isometry3<f64>) -> Self {
+        Self {
+            pose: *pose,
+            objective: 0.0,
+            log_likelihood: 0.0,
+            gain: 0.0,
+            information: Matrix6::zeros(),
+            effective_lines: 0.0,
+            near: 0,
+            converged: false,
+        }
+    }
+
+    /// What a window's lines say about it.
+    pub(crate) fn add(&mut self, of_lines: &Evaluation, window: &Window) {
+        self.objective += of_lines.log_likelihood;
+        self.log_likelihood += of_lines.log_likelihood;
+        self.gain += of_lines.log_likelihood - window.near() as f64 * window.background_per_m2.ln();
+        self.information += of_lines.information;
+        self.effective_lines += of_lines.effective_lines();
+        self.near += window.near();
+    }
+}
+
 /// Buffers of a climb.
 #[derive(Clone, Debug)]
 pub(crate) struct Climber {
     pub(crate) weights: Weights,
+    /// Shares before the window, at the start of the climb.
+    expected: Vec<f64>,
     pub(crate) evaluation: Evaluation,
 }
 
@@ -74,6 +131,7 @@ impl Climber {
     pub(crate) fn new(markers: usize) -> Self {
         Self {
             weights: Weights { shares: vec![1.0 / markers.max(1) as f64; markers], background: 0.3 },
+            expected: Vec::with_capacity(markers),
             evaluation: Evaluation::default(),
         }
     }
@@ -88,7 +146,8 @@ impl Climber {
         prior: Option<&NormalPrior>,
         (steps, gain): (u32, f64),
     ) -> Top {
-        self.weights.shares.clone_from(&shares.shares);
+        shares.at(likelihood, start, &mut self.expected);
+        self.weights.shares.clone_from(&self.expected);
         self.weights.background = shares.background;
         let mut top = self.look(likelihood, window, start, shares, prior);
         let mut gradient = self.evaluation.gradient;
@@ -130,7 +189,7 @@ impl Climber {
     /// Shares at their expectation.
     fn expect(&mut self, prior: &SharePrior) {
         let lines = self.evaluation.effective_lines();
-        let counts = self.weights.shares.iter_mut().zip(&self.evaluation.lines_of_marker).zip(&prior.shares);
+        let counts = self.weights.shares.iter_mut().zip(&self.evaluation.lines_of_marker).zip(&self.expected);
         for ((share, n), nominal) in counts {
             *share = (n + SHARE_LINES * nominal) / (lines + SHARE_LINES);
         }
@@ -141,7 +200,7 @@ impl Climber {
 
     /// The Dirichlet's and the Beta's logarithm: without it the shares' step towards their prior looks like a step down.
     fn log_share_prior(&self, prior: &SharePrior) -> f64 {
-        let of_markers: f64 = self.weights.shares.iter().zip(&prior.shares).map(|(w, n)| n * w.ln()).sum();
+        let of_markers: f64 = self.weights.shares.iter().zip(&self.expected).map(|(w, n)| n * w.ln()).sum();
         let b = self.weights.background;
         let of_background = prior.background * b.ln() + (1.0 - prior.background) * (1.0 - b).ln();
         SHARE_LINES * of_markers + BACKGROUND_LINES * of_background
@@ -157,17 +216,8 @@ impl Climber {
         prior: Option<&NormalPrior>,
     ) -> Top {
         likelihood.evaluate(window, pose, &self.weights, &mut self.evaluation);
-        let e = &self.evaluation;
-        let mut top = Top {
-            pose: *pose,
-            objective: e.log_likelihood,
-            log_likelihood: e.log_likelihood,
-            gain: e.log_likelihood - window.near() as f64 * window.background_per_m2.ln(),
-            information: e.information,
-            effective_lines: e.effective_lines(),
-            near: window.near(),
-            converged: false,
-        };
+        let mut top = Top::nothing_at(pose);
+        top.add(&self.evaluation, window);
         top.objective += self.log_share_prior(shares);
         if let Some(prior) = prior {
             let (value, gradient, information) = log_prior(prior, pose);

@@ -33,7 +33,7 @@ use super::window::{Preparation, Window};
 use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked, Tracker};
 use crate::line::Line;
 use crate::markers::MarkerSet;
-use lumenav_core::PriorUse;
+use lumenav_core::{MotionEstimate, PriorUse};
 use nalgebra::{Isometry3, Vector3};
 
 /// Windows between two tests of the markers' order.
@@ -93,6 +93,9 @@ pub struct MixtureOptions {
     pub estimate_markers: bool,
     /// Windows from which a first pose is taken together, 1 to [`STACK`]; a window of many lines needs no other.
     pub start_windows: usize,
+    /// Standard deviation of the angular rate before a first pose from several windows, rad/s per axis: the fastest path of than2015
+    /// turns by 0.7 rad/s.
+    pub start_rate_sigma_rad_s: f64,
     /// Largest standard deviations of a pose.
     pub limits: Limits,
 }
@@ -104,6 +107,7 @@ impl Default for MixtureOptions {
             test_permutations: true,
             estimate_markers: false,
             start_windows: 1,
+            start_rate_sigma_rad_s: 0.5,
             limits: Limits::default(),
         }
     }
@@ -126,6 +130,8 @@ pub struct Mixture {
     climber: Climber,
     tops: Vec<Top>,
     stack: Vec<Line>,
+    /// Of a pose that this window's start from several windows brought.
+    motion: Option<MotionEstimate>,
     origins: Vec<Four>,
 }
 
@@ -136,7 +142,12 @@ impl Mixture {
         let noise = noise.wide_enough_for(set);
         Self {
             likelihood: Likelihood::new(body.markers_m.clone()),
-            shares: SharePrior { shares: body.shares.clone(), background: FIRST_BACKGROUND },
+            shares: SharePrior {
+                shares: body.shares.clone(),
+                coverage: noise.coverage().clone(),
+                scanner_world_m: Vector3::zeros(),
+                background: FIRST_BACKGROUND,
+            },
             estimate: options.estimate_markers.then(|| MarkerEstimate::new(&body.markers_m)),
             climber: Climber::new(body.len()),
             memory: Memory::default(),
@@ -146,6 +157,7 @@ impl Mixture {
             search: Search::default(),
             tops: Vec::new(),
             stack: Vec::new(),
+            motion: None,
             origins: Vec::new(),
             body,
             noise,
@@ -184,6 +196,12 @@ impl Mixture {
     /// The pose that explains these lines best, of all attitudes about two places: the lines' centroid, and where most lines pass. The
     /// first needs no pair of lines to meet; the second is not drawn away where few lines are true.
     fn find(&mut self, lines: &[Line]) -> Result<Top, Failure> {
+        let looked_at = self.look_everywhere(lines)?;
+        self.unambiguous(looked_at)
+    }
+
+    /// Fills `self.tops`, best first; how many lines were looked at.
+    fn look_everywhere(&mut self, lines: &[Line]) -> Result<usize, Failure> {
         self.tops.clear();
         let by_centroid = self.search(lines);
         let looked_at: Vec<Line> = self.window.indices.iter().map(|index| lines[*index as usize]).collect();
@@ -200,7 +218,7 @@ impl Mixture {
             by_centroid?;
         }
         self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        self.unambiguous(looked_at.len())
+        Ok(looked_at.len())
     }
 
     /// Whether the best top so far has its markers where most lines pass: all attitudes were tried there.
@@ -249,20 +267,40 @@ impl Mixture {
         }
         self.stack.extend_from_slice(lines);
         let stack = std::mem::take(&mut self.stack);
-        let found = self.find(&stack);
+        let found = if needed > 1 { self.start_of_stack(&stack, lines) } else { self.find(&stack) };
         self.stack = stack;
-        let found = found?.pose;
+        let found = found?;
         if needed > 1 {
-            let (top, velocity_world_m_s) = self.start_of_stack(lines, &found)?;
-            self.memory.start_velocity_world_m_s = Some(velocity_world_m_s);
-            return Ok(top);
+            return Ok(found);
         }
         // The stack told the attitude; the pose is this window's.
-        self.follow(lines, &found, Vector3::zeros(), None)
+        self.follow(lines, &found.pose, Vector3::zeros(), None)
     }
 
     /// The best top of a search that looked at `given` lines, if it explains enough of them, and no other place does nearly as well.
     fn unambiguous(&self, given: usize) -> Result<Top, Failure> {
+        let best = self.supported(given)?;
+        match self.rivals().first() {
+            Some(rival) => Err(Self::ambiguous(&best, rival)),
+            None => Ok(best),
+        }
+    }
+
+    /// Tops that are other poses than the best and explain the lines nearly as well.
+    fn rivals(&self) -> Vec<Top> {
+        let Some((best, others)) = self.tops.split_first() else { return Vec::new() };
+        let is_rival = |top: &&Top| {
+            self.body.distance_m(&best.pose, &top.pose) > SAME_POSE_M && best.gain - top.gain < AMBIGUOUS
+        };
+        others.iter().filter(is_rival).copied().collect()
+    }
+
+    fn ambiguous(best: &Top, rival: &Top) -> Failure {
+        Failure::Ambiguous { poses: vec![best.pose, rival.pose], difference: rival.gain - best.gain }
+    }
+
+    /// The best top of a search that looked at `given` lines, if it explains enough of them.
+    fn supported(&self, given: usize) -> Result<Top, Failure> {
         let Some(best) = self.tops.first() else { return Err(Failure::Indefinite) };
         let share = (LEAST_TRUE_SHARE * given as f64).max(LEAST_NEAR_SHARE * best.near as f64);
         let needed = self.needed().max(share.ceil() as usize);
@@ -273,14 +311,7 @@ impl Mixture {
         if !(best.gain >= SEARCHED_GAIN) {
             return Err(Failure::NoEvidence { gain: best.gain, needed: SEARCHED_GAIN });
         }
-        let rival = self.tops[1..].iter().find(|t| self.body.distance_m(&best.pose, &t.pose) > SAME_POSE_M);
-        match rival {
-            Some(rival) if best.gain - rival.gain < AMBIGUOUS => Err(Failure::Ambiguous {
-                poses: vec![best.pose, rival.pose],
-                difference: rival.gain - best.gain,
-            }),
-            _ => Ok(*best),
-        }
+        Ok(*best)
     }
 
     fn place_of(&self, pose: &Isometry3<f64>) -> Vector3<f64> {
@@ -408,14 +439,18 @@ impl Mixture {
         velocity_world_m_s: Vector3<f64>,
         contained: Option<&NormalPrior>,
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
-        let found = self.find(lines);
+        // A pose that held so far is tested on the last windows together; one that just broke, on this window alone.
+        let is_moving = velocity_world_m_s != Vector3::zeros();
+        let along = if is_moving { velocity_world_m_s } else { self.recent_velocity() };
+        let tested = if is_sound { self.carried_stack(lines, along) } else { lines.to_vec() };
+        let found = self.find(&tested);
         // Of a sound pose only another place is looked for: the same one, a little better without a velocity, is none.
         let most = self
             .tops
             .first()
             .filter(|top| !is_sound || self.body.distance_m(&top.pose, &followed.pose) > SAME_POSE_M);
         let most = most.map_or(f64::NEG_INFINITY, |top| top.gain);
-        let here = self.gain_in_search(lines, followed);
+        let here = self.gain_in_search(&tested, followed);
         let margin = if is_sound { ELSEWHERE } else { BETTER };
         match found {
             Ok(top) if most > here + margin => {
@@ -430,11 +465,37 @@ impl Mixture {
         }
     }
 
+    /// This window's lines behind those of as many earlier ones as a search looks at, which are carried along the capsule's velocity to this
+    /// window's middle.
+    fn carried_stack(&self, lines: &[Line], velocity_world_m_s: Vector3<f64>) -> Vec<Line> {
+        let Some(now_s) = start::mean_time_s(lines) else { return lines.to_vec() };
+        let mut room = self.search_budget().saturating_sub(lines.len());
+        let mut stack = Vec::with_capacity(self.search_budget());
+        for (recent, _) in self.memory.recent.iter().rev() {
+            let Some(left) = room.checked_sub(recent.len()) else { break };
+            room = left;
+            stack.extend(recent.iter().map(|line| {
+                let way = velocity_world_m_s * (now_s - line.t_s);
+                Line { ends_world_m: line.ends_world_m.map(|end| end + way), ..*line }
+            }));
+        }
+        stack.extend_from_slice(lines);
+        stack
+    }
+
+    /// How fast the last windows' poses moved.
+    fn recent_velocity(&self) -> Vector3<f64> {
+        let places: Vec<(f64, Vector3<f64>)> = self
+            .memory
+            .recent
+            .iter()
+            .filter_map(|(lines, pose)| Some((start::mean_time_s(lines)?, self.place_of(pose))))
+            .collect();
+        start::slope(&places)
+    }
+
     /// The gain of a top over the lines that a search looks at.
     fn gain_in_search(&mut self, lines: &[Line], top: &Top) -> f64 {
-        if lines.len() <= self.search_budget() {
-            return top.gain;
-        }
         let about = Preparation::about(self.place_of(&top.pose));
         let how = Preparation { budget: Some(self.search_budget()), ..about };
         if self.other.prepare(lines, &self.noise, &how, self.needed()).is_err() {
@@ -467,7 +528,9 @@ impl Mixture {
     /// Checks that a pose is one, and writes it.
     fn answer(&mut self, top: &Top, prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
         let lines = self.window.len() as f64;
-        if top.effective_lines < self.needed() as f64 {
+        // Of a pose from several windows this one need not say so much.
+        let is_of_stack = self.motion.is_some();
+        if !is_of_stack && top.effective_lines < self.needed() as f64 {
             let background = 100.0 * (1.0 - top.effective_lines / lines);
             return Err(Failure::Background {
                 effective: top.effective_lines,
@@ -475,7 +538,7 @@ impl Mixture {
                 needed: self.needed(),
             });
         }
-        if !(top.gain >= FOLLOWED_GAIN) {
+        if !is_of_stack && !(top.gain >= FOLLOWED_GAIN) {
             return Err(Failure::NoEvidence { gain: top.gain, needed: FOLLOWED_GAIN });
         }
         if !top.converged {
@@ -505,6 +568,7 @@ impl Mixture {
         out.used_lines = self.window.len();
         out.log_likelihood = top.log_likelihood;
         out.prior_use = hint.map_or(PriorUse::None, |p| p.how);
+        out.motion.clone_from(&self.motion);
         Ok(())
     }
 
@@ -575,6 +639,7 @@ impl Tracker for Mixture {
         out.roles.resize(lines.len(), Role::Unused);
         out.markers_world_m.clear();
         out.reinitialized = None;
+        self.motion = None;
         let due = self.is_test_due();
         let located = self.locate(lines, prior);
         let done = located.and_then(|(top, why)| {
@@ -608,6 +673,10 @@ impl Tracker for Mixture {
         Ok(())
     }
 
+    fn scanner_at(&mut self, place_world_m: &Vector3<f64>) {
+        self.shares.scanner_world_m = *place_world_m;
+    }
+
     fn memory(&self) -> Memory {
         self.memory.clone()
     }
@@ -629,7 +698,10 @@ impl Mixture {
     fn forget(&mut self, lines: &[Line], failure: &Failure) {
         let searching = self.memory.world_from_capsule.is_none();
         self.memory.world_from_capsule = None;
+        // A start from several windows goes on gathering, whatever one of them lacks.
+        let is_gathering = self.options.start_windows > 1 && self.memory.shares.is_empty();
         match failure {
+            _ if is_gathering => self.remember(lines, &Isometry3::identity()),
             Failure::Ambiguous { .. } | Failure::Gathering { .. } | Failure::Doubted { .. } if searching => {
                 self.remember(lines, &Isometry3::identity());
             }

@@ -19,6 +19,7 @@
 //! simulated or recorded line enters. [`BlockNoise::reference`] holds an independent study's numbers for 4 x 6 x 20 mm GSO crystals.
 
 use super::lanes::{Four, LANES, Three};
+use crate::coverage::Coverage;
 use crate::markers::MarkerSet;
 use crate::scanner::Scanner;
 use crate::simulation::block::{BlockPhysics, kill_energy_ev, passes_window};
@@ -29,6 +30,7 @@ use nalgebra::{Matrix3, Vector3};
 use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Components of a line's noise.
 pub const COMPONENTS: usize = 3;
@@ -201,6 +203,7 @@ pub struct LineNoise {
     /// Block by direction from the scanner's axis; empty where blocks do not stand on a ring.
     slots: Vec<u32>,
     heads: Scanner,
+    coverage: Arc<Coverage>,
     /// Shares of the three components.
     pub component_shares: [f64; COMPONENTS],
     /// Variance per axis that the source adds, m².
@@ -252,11 +255,17 @@ impl LineNoise {
             covariances,
             slots: slots(scanner),
             heads: scanner.clone(),
+            coverage: Arc::new(Coverage::new(scanner)),
             component_shares: [(1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t), t * t],
             source_variance_m2: source.variance_m2,
             acollinearity_sd_rad: source.acollinearity_fwhm_rad / FWHM_PER_SD,
             background_radius_m: source.background_radius_m,
         }
+    }
+
+    /// What the scanner sees of a point.
+    pub fn coverage(&self) -> &Arc<Coverage> {
+        &self.coverage
     }
 
     /// With the region of even background widened, where a marker set is so large: lines that pass the outermost marker at less than 5 mm

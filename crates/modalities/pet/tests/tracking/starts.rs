@@ -49,7 +49,7 @@ fn law_five_windows_start_better_than_the_best_of_one() {
         one.recall(memory);
         let alone = one.track(&windows[STACK - 1], None).unwrap();
         of_one += marker_errors(&alone.markers_world_m, &truth, &set).1 / count;
-        let velocity = five.memory().start_velocity_world_m_s.unwrap();
+        let velocity = started.motion.unwrap().velocity_world_m_s;
         let true_velocity =
             (helix(0.25, FAST).translation.vector - helix(0.0, FAST).translation.vector) / 0.25;
         off_s += (velocity - true_velocity) / count;

@@ -1,25 +1,44 @@
 //! A first pose from several windows together, of a capsule that moves meanwhile.
 //!
-//! The stack's lines are carried along a velocity to its mean instant, and the stack is climbed as if it were one window. The velocity
-//! is the slope of the windows' own places over time, each climbed by itself from the stack's pose:
+//! Over the stack it moves evenly, with velocity v and angular rate ω. Both and the pose at the stack's mean instant are those of the
+//! greatest likelihood of all lines, each window's at its own instant, times a normal law of the rate about 0 (a few windows hardly
+//! say it):
 //!
 //! ```text
-//! v = Σ (t_w - t̄) c_w / Σ (t_w - t̄)²        cov v = n cov p / Σ (t_w - t̄)²
-//! p(t) = p(t̄) + v (t - t̄)                   cov p(t) = cov p + (t - t̄)² cov v
+//! x_w = x ⊞ [v τ, ω τ]        τ = t_w - t̄
+//! ℓ(x, v, ω) = Σ_w ℓ_w(x_w) - ½ |ω|² / σ_ω²
+//! J_w = [I  0        τ I  0           ]
+//!       [0  Exp(ωτ)ᵀ 0    τ J_r(ωτ)   ]
+//! gradient Σ J_wᵀ g_w - [.. ω/σ_ω²]        information Σ J_wᵀ H_w J_w + [.. I/σ_ω²],  its inverse the covariance of all together
 //! ```
 //!
-//! with n windows and cov p that of the stack (a window by itself knows n times less). Attitude is held over the stack.
+//! Climbed from the slope of the windows' own places over time, each climbed by itself from the stack's pose, since a capsule that
+//! runs by several deviations of a line within the stack leaves no peak at rest.
 
 use super::{Mixture, Top};
 use crate::line::Line;
-use crate::tracking::Failure;
-use nalgebra::{Isometry3, Matrix3, Translation3, Vector3};
+use crate::tracking::window::{Preparation, Window};
+use crate::tracking::{Evaluation, Failure};
+use lumenav_core::MotionEstimate;
+use lumenav_core::pose::{exp_so3, ominus, oplus, right_jacobian_so3};
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, Vector3, Vector6};
 
-/// Velocity and pose are found in turn so many times; the second changes the pose by less than a tenth of its deviation.
+/// Slope and stack are found in turn so many times; the second changes the pose by less than a tenth of its deviation.
 const ROUNDS: usize = 3;
-/// Standard deviation added to the attitude for a turn during the stack, rad: the helix of than2015 at eight times its speed turns by
-/// 0.7 rad/s, and a window at the end of five lies 0.1 s from their middle.
-const TURN_RAD: f64 = 0.1;
+/// Steps of the climb in pose and motion.
+const STEPS: usize = 15;
+/// It ends where a step would gain less than this: a tenth of a standard deviation.
+const GAIN: f64 = 5e-3;
+/// Poses whose markers are nearer than this are told by one covariance about the likeliest of them where the lines cannot tell them
+/// apart, m: about a side's half. Of others the start waits for more windows.
+const WITHIN_REACH_M: f64 = 6e-3;
+/// Longest step, m, rad, m/s, rad/s.
+const LONGEST: [f64; 4] = [4e-3, 0.5, 0.04, 1.0];
+/// First damping after a refused step, and the last.
+const FIRST_DAMPING: f64 = 0.1;
+const LAST_DAMPING: f64 = 1e6;
+type Matrix12 = SMatrix<f64, 12, 12>;
+type Vector12 = SVector<f64, 12>;
 
 /// The mean time of a window's lines.
 pub(super) fn mean_time_s(lines: &[Line]) -> Option<f64> {
@@ -28,17 +47,12 @@ pub(super) fn mean_time_s(lines: &[Line]) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// `Σ (t - t̄)²` of some instants about a given one.
-fn spread_s2(times: impl Iterator<Item = f64>, about_s: f64) -> f64 {
-    times.map(|t| (t - about_s).powi(2)).sum()
-}
-
 /// The slope of places over time by least squares; none without a spread of times.
-fn slope(places: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
+pub(super) fn slope(places: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
     let n = places.len().max(1) as f64;
     let mean_s = places.iter().map(|(t, _)| t).sum::<f64>() / n;
     let mean_m = places.iter().map(|(_, p)| p).sum::<Vector3<f64>>() / n;
-    let spread = spread_s2(places.iter().map(|(t, _)| *t), mean_s);
+    let spread: f64 = places.iter().map(|(t, _)| (t - mean_s).powi(2)).sum();
     if spread <= 0.0 {
         return Vector3::zeros();
     }
@@ -49,46 +63,235 @@ fn carried(pose: &Isometry3<f64>, by_m: &Vector3<f64>) -> Isometry3<f64> {
     Translation3::from(*by_m) * pose
 }
 
+/// A stack's pose at its mean instant, its motion, and what its lines say about both.
+#[derive(Clone, Copy)]
+struct Moving {
+    /// At the stack's middle; of its information that with the motion known.
+    top: Top,
+    velocity: Vector3<f64>,
+    rate: Vector3<f64>,
+    gradient: Vector12,
+    information: Matrix12,
+}
+
+impl Moving {
+    fn way(&self, after_s: f64) -> Vector6<f64> {
+        Vector6::from_fn(|i, _| after_s * if i < 3 { self.velocity[i] } else { self.rate[i - 3] })
+    }
+
+    /// The pose so many seconds from the stack's middle.
+    fn pose_at(&self, after_s: f64) -> Isometry3<f64> {
+        oplus(&self.top.pose, &self.way(after_s))
+    }
+
+    /// Its error by `[δx, δv, δω]`.
+    fn by_all(&self, after_s: f64) -> SMatrix<f64, 6, 12> {
+        let turn = self.rate * after_s;
+        let back = exp_so3(&turn).inverse().to_rotation_matrix().into_inner();
+        let mut by_all = SMatrix::<f64, 6, 12>::identity();
+        by_all.fixed_view_mut::<3, 3>(3, 3).copy_from(&back);
+        by_all.fixed_view_mut::<3, 3>(0, 6).copy_from(&(Matrix3::identity() * after_s));
+        by_all.fixed_view_mut::<3, 3>(3, 9).copy_from(&(right_jacobian_so3(&turn) * after_s));
+        by_all
+    }
+
+    /// Behind a step.
+    fn stepped(&self, step: &Vector12) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>) {
+        let of_pose = step.fixed_rows::<6>(0).into_owned();
+        let (of_velocity, of_rate) = (step.fixed_rows::<3>(6), step.fixed_rows::<3>(9));
+        (oplus(&self.top.pose, &of_pose), self.velocity + of_velocity, self.rate + of_rate)
+    }
+
+    /// A step uphill, damped until there is one, cut to what a quadratic form can be trusted for.
+    fn step(&self, damping: &mut f64) -> Option<Vector12> {
+        while *damping <= LAST_DAMPING {
+            let mut matrix = self.information;
+            for i in 0..12 {
+                matrix[(i, i)] += *damping * self.information[(i, i)].abs();
+            }
+            if let Some(root) = matrix.cholesky() {
+                let step = root.solve(&self.gradient);
+                let parts = [0, 3, 6, 9].map(|from| step.fixed_rows::<3>(from).norm());
+                let long = parts.iter().zip(LONGEST).map(|(n, most)| n / most).fold(1.0, f64::max);
+                return Some(step / long);
+            }
+            *damping = (10.0 * *damping).max(FIRST_DAMPING);
+        }
+        None
+    }
+}
+
 impl Mixture {
-    /// The pose of this window, the last of a stack in which `found` was found, from the whole stack; its velocity.
-    pub(super) fn start_of_stack(
-        &mut self,
-        lines: &[Line],
-        found: &Isometry3<f64>,
-    ) -> Result<(Top, Vector3<f64>), Failure> {
+    /// The pose of this window, the last of a stack, from the whole stack. Every place that a search of the stack at rest finds is a place
+    /// to start from: of a capsule that moves the likeliest one at rest need not be the likeliest.
+    pub(super) fn start_of_stack(&mut self, all: &[Line], lines: &[Line]) -> Result<Top, Failure> {
+        let looked_at = self.look_everywhere(all)?;
         let mut windows: Vec<Vec<Line>> = self.memory.recent.iter().map(|(lines, _)| lines.clone()).collect();
         windows.push(lines.to_vec());
-        let all = windows.concat();
-        let (Some(middle_s), Some(last_s)) = (mean_time_s(&all), mean_time_s(lines)) else {
+        let (Some(middle_s), Some(last_s)) = (mean_time_s(all), mean_time_s(lines)) else {
             return Err(Failure::Indefinite);
         };
+        let mut found: Vec<Moving> = Vec::new();
+        for top in self.distinct_tops() {
+            if let Ok(moving) = self.moving_from(all, &windows, &top, middle_s) {
+                found.push(moving);
+            }
+        }
+        found.sort_by(|a, b| b.top.gain.total_cmp(&a.top.gain));
+        self.tops.clear();
+        self.tops.extend(found.iter().map(|moving| moving.top));
+        let best = self.supported(looked_at)?;
+        let rivals = self.rivals();
+        if let Some(far) = rivals.iter().find(|r| self.body.distance_m(&best.pose, &r.pose) > WITHIN_REACH_M) {
+            return Err(Self::ambiguous(&best, far));
+        }
+        let rivals: Vec<Moving> =
+            found[1..].iter().filter(|m| rivals.iter().any(|r| r.pose == m.top.pose)).copied().collect();
+        self.end_of_stack(&found[0], &rivals, lines, last_s - middle_s)
+    }
+
+    /// The tops of a search that are places of their own, best first.
+    fn distinct_tops(&self) -> Vec<Isometry3<f64>> {
+        let mut distinct: Vec<Isometry3<f64>> = Vec::new();
+        for top in &self.tops {
+            if distinct.iter().all(|other| self.body.distance_m(other, &top.pose) > super::SAME_POSE_M) {
+                distinct.push(top.pose);
+            }
+        }
+        distinct
+    }
+
+    /// Pose and velocity of a stack from a place that was found in it at rest.
+    fn moving_from(
+        &mut self,
+        all: &[Line],
+        windows: &[Vec<Line>],
+        found: &Isometry3<f64>,
+        middle_s: f64,
+    ) -> Result<Moving, Failure> {
         let (mut pose, mut velocity) = (*found, Vector3::zeros());
-        let mut of_stack = self.follow(&all, &pose, velocity, None)?;
         for _ in 0..ROUNDS {
-            velocity = slope(&self.own_places(&windows, &pose, velocity, middle_s));
-            of_stack = self.follow(&all, &pose, velocity, None)?;
-            pose = of_stack.pose;
+            pose = self.follow(all, &pose, velocity, None)?.pose;
+            velocity = slope(&self.own_places(windows, &pose, velocity, middle_s));
         }
-        let times = windows.iter().filter_map(|lines| mean_time_s(lines));
-        let spread = spread_s2(times, middle_s);
-        let ahead_s = last_s - middle_s;
-        let mut covariance = of_stack.information.try_inverse().ok_or(Failure::Indefinite)?;
-        let position: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        let share = if spread > 0.0 { windows.len() as f64 * ahead_s * ahead_s / spread } else { 0.0 };
-        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(position * (1.0 + share)));
-        for i in 3..6 {
-            covariance[(i, i)] += TURN_RAD * TURN_RAD;
-        }
+        // The weights stay those of the stack as a whole.
+        let of_stack = self.follow(all, &pose, velocity, None)?;
+        let moving = self.climb_moving(windows, (of_stack.pose, velocity, Vector3::zeros()), middle_s)?;
+        // Prepared anew about where that led.
+        self.climb_moving(windows, (moving.top.pose, moving.velocity, moving.rate), middle_s)
+    }
+
+    /// What the stack says about its last window.
+    fn end_of_stack(
+        &mut self,
+        moving: &Moving,
+        rivals: &[Moving],
+        lines: &[Line],
+        ahead_s: f64,
+    ) -> Result<Top, Failure> {
+        // Of the pose behind the way that is left, and the motion.
+        let mut carry = Matrix12::identity();
+        carry.fixed_view_mut::<6, 12>(0, 0).copy_from(&moving.by_all(ahead_s));
+        let inverse = moving.information.cholesky().ok_or(Failure::Indefinite)?.inverse();
+        let covariance = carry * (inverse + self.spread_of_rivals(moving, rivals)) * carry.transpose();
+        let of_pose = covariance.fixed_view::<6, 6>(0, 0).into_owned();
+        let information = of_pose.try_inverse().ok_or(Failure::Indefinite)?;
         // What the window itself says: its lines' roles and how much of it the markers explain.
-        let own = self.follow(lines, &carried(&pose, &(velocity * ahead_s)), velocity, None)?;
-        let information = covariance.try_inverse().ok_or(Failure::Indefinite)?;
-        let top = Top {
-            pose: carried(&pose, &(velocity * ahead_s)),
-            information,
-            converged: of_stack.converged,
-            ..own
-        };
-        Ok((top, velocity))
+        let pose = moving.pose_at(ahead_s);
+        let own = self.follow(lines, &pose, moving.velocity, None)?;
+        self.motion = Some(MotionEstimate {
+            velocity_world_m_s: moving.velocity,
+            angular_rate_capsule_rad_s: moving.rate,
+            covariance,
+        });
+        Ok(Top { pose, information, converged: moving.top.converged, ..own })
+    }
+
+    /// What poses that explain the stack nearly as well add to the covariance about the best: `Σ w d dᵀ`, d their way from it and w their share
+    /// of the likelihood.
+    fn spread_of_rivals(&self, best: &Moving, rivals: &[Moving]) -> Matrix12 {
+        let odds = |rival: &Moving| (rival.top.gain - best.top.gain).exp();
+        let all = 1.0 + rivals.iter().map(odds).sum::<f64>();
+        let mut spread = Matrix12::zeros();
+        for rival in rivals {
+            let twin = self.body.nearest_twin(&rival.top.pose, &best.top.pose);
+            let mut way = Vector12::zeros();
+            way.fixed_rows_mut::<6>(0).copy_from(&ominus(&twin, &best.top.pose));
+            way.fixed_rows_mut::<3>(6).copy_from(&(rival.velocity - best.velocity));
+            spread += way * way.transpose() * (odds(rival) / all);
+        }
+        spread
+    }
+
+    /// Climbs in pose and motion together, from a start about which the windows are prepared.
+    fn climb_moving(
+        &mut self,
+        windows: &[Vec<Line>],
+        (pose, velocity, rate): (Isometry3<f64>, Vector3<f64>, Vector3<f64>),
+        middle_s: f64,
+    ) -> Result<Moving, Failure> {
+        let mut prepared = Vec::with_capacity(windows.len());
+        for lines in windows {
+            let Some(at_s) = mean_time_s(lines) else { continue };
+            let about = self.place_of(&pose) + velocity * (at_s - middle_s);
+            let how = Preparation {
+                about_world_m: about,
+                velocity_world_m_s: velocity,
+                at_s,
+                budget: self.budget(),
+            };
+            let mut window = Window::default();
+            // A window with hardly a line is left out.
+            if window.prepare(lines, &self.noise, &how, 1).is_ok() {
+                prepared.push((at_s - middle_s, window));
+            }
+        }
+        let mut here = self.look_moving(&prepared, (pose, velocity, rate));
+        let mut damping = 0.0;
+        for _ in 0..STEPS {
+            let step = here.step(&mut damping).ok_or(Failure::Indefinite)?;
+            if damping == 0.0 && step.dot(&here.gradient) < GAIN {
+                here.top.converged = true;
+                break;
+            }
+            let there = self.look_moving(&prepared, here.stepped(&step));
+            if there.top.objective >= here.top.objective {
+                here = there;
+                damping = if damping > 2e-3 { 0.1 * damping } else { 0.0 };
+            } else {
+                damping = (10.0 * damping).max(FIRST_DAMPING);
+                if damping > LAST_DAMPING {
+                    break;
+                }
+            }
+        }
+        Ok(here)
+    }
+
+    /// Value, gradient and information of pose and motion over windows at instants from the stack's middle.
+    fn look_moving(
+        &self,
+        windows: &[(f64, Window)],
+        (pose, velocity, rate): (Isometry3<f64>, Vector3<f64>, Vector3<f64>),
+    ) -> Moving {
+        let mut evaluation = Evaluation::default();
+        let (gradient, information) = (Vector12::zeros(), Matrix12::zeros());
+        let mut all = Moving { top: Top::nothing_at(&pose), velocity, rate, gradient, information };
+        for (after_s, window) in windows {
+            let there = all.pose_at(*after_s);
+            self.likelihood.evaluate(window, &there, &self.climber.weights, &mut evaluation);
+            all.top.add(&evaluation, window);
+            let by_all = all.by_all(*after_s);
+            all.gradient += by_all.transpose() * evaluation.gradient;
+            all.information += by_all.transpose() * evaluation.information * by_all;
+        }
+        let known = self.options.start_rate_sigma_rad_s.powi(-2);
+        all.top.objective -= 0.5 * known * rate.norm_squared();
+        for i in 0..3 {
+            all.gradient[9 + i] -= known * rate[i];
+            all.information[(9 + i, 9 + i)] += known;
+        }
+        all
     }
 
     /// Where the capsule's markers are by each window alone, about a pose at an instant that moves on; what fails is left out.
