@@ -8,7 +8,7 @@ use nalgebra::{Matrix6, Translation3, Vector3};
 
 /// Lines of a window from the capsule, from the place that the prediction points to, and from nowhere. So few of the capsule's that a window
 /// by itself often leaves two attitudes open.
-const LINES: [usize; 3] = [32, 14, 6];
+const LINES: [usize; 3] = [28, 14, 6];
 
 /// At the first test the search finds the capsule, at once or, where its attitude is ambiguous, after a doubt of some windows in which nothing
 /// is said; whatever the prediction goes on saying.

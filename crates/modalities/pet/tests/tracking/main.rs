@@ -4,6 +4,7 @@
 
 mod consistency;
 mod doubt;
+mod edge;
 mod few_lines;
 mod misuse;
 mod points;

@@ -1,0 +1,44 @@
+//! A capsule at the axial end of the scanner, where one marker is seen by twice as many pairs of crystals as the next.
+
+use super::support::{Ends, Generator, WINDOW_S, capsule, marker_errors, noise_of, scanner};
+use lumenav_pet::tracking::{Mixture, MixtureOptions, Tracker};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+const LINES: usize = 90;
+const BACKGROUND: usize = 30;
+const WINDOWS: usize = 20;
+
+/// Lengthwise in the scanner, 13 mm from the end of the blocks: the markers lie at 66, 78 and 81 mm of 91.
+fn at_the_end() -> Isometry3<f64> {
+    let along = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2);
+    Isometry3::from_parts(Translation3::new(5e-3, -8e-3, 78e-3), along)
+}
+
+#[test]
+fn law_markers_are_as_bright_as_the_scanner_sees_them() {
+    let (set, scanner, pose) = (capsule("pet-scalene"), scanner("reduced"), at_the_end());
+    let (mut counted, mut told, mut error_m, mut given) = ([0.0; 3], [0.0; 3], 0.0, 0);
+    for seed in 301..=306 {
+        let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), set.clone(), seed);
+        let mut tracker = Mixture::new(&set, noise_of(&scanner), MixtureOptions::default());
+        for w in 0..WINDOWS {
+            let (lines, origins) = generator.window(&|_| pose, w as f64 * WINDOW_S, LINES, BACKGROUND);
+            let Ok(tracked) = tracker.track(&lines, None) else { continue };
+            for marker in origins.into_iter().flatten() {
+                counted[marker] += 1.0 / LINES as f64;
+            }
+            (0..3).for_each(|j| told[j] += tracked.shares[j]);
+            error_m += marker_errors(&tracked.markers_world_m, &pose, &set).0;
+            given += 1;
+        }
+    }
+    let n = f64::from(given);
+    let (counted, told, error_mm) = (counted.map(|c| c / n), told.map(|t| t / n), 1e3 * error_m / n);
+    println!("figure: {given} windows, shares {counted:.3?}, told {told:.3?}, mean error {error_mm:.3} mm");
+    assert!(given as usize > 6 * WINDOWS - 12, "{given} windows");
+    assert!(counted[0] > 0.45, "the place is no edge: {counted:?}");
+    for (c, t) in counted.iter().zip(told) {
+        assert!((c - t).abs() < 0.03, "{counted:?} {told:?}");
+    }
+    assert!(error_mm < 1.1, "{error_mm} mm");
+}
