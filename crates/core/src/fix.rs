@@ -34,8 +34,8 @@ use crate::measurement::{Instant, Linearization, Measurement, MeasurementModel, 
 use crate::modality::ModalityError;
 use crate::pose::{log_so3, right_jacobian_inverse_so3, skew, tangent_basis};
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix2, Matrix2x3, Matrix6, Quaternion, SMatrix, Translation3, UnitQuaternion,
-    Vector2, Vector3,
+    DMatrix, DVector, Isometry3, Matrix2, Matrix2x3, Matrix6, Quaternion, SMatrix, Translation3,
+    UnitQuaternion, Vector2, Vector3,
 };
 use std::sync::{Arc, LazyLock};
 

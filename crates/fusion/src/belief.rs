@@ -28,8 +28,8 @@
 use crate::dense::{carry, turn};
 use lumenav_core::pose::{exp_so3, renormalize, right_jacobian_so3, skew};
 use lumenav_core::{
-    AxisStep, BlockSpec, FixKind, Instant, MotionEstimate, MotionModel, MotionSample, Name, NominalState, Part, PoseEstimate,
-    SimTime,
+    AxisStep, BlockSpec, FixKind, Instant, MotionEstimate, MotionModel, MotionSample, Name, NominalState,
+    Part, PoseEstimate, SimTime,
 };
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3xX, Matrix6, MatrixXx3, Vector3};
 use std::collections::BTreeMap;

@@ -25,8 +25,8 @@ use crate::update::{propose, worst_channels};
 use lumenav_core::pose::exp_so3;
 use lumenav_core::time::nanoseconds;
 use lumenav_core::{
-    BlockSpec, ConfigError, FixKind, Instant, Linearization, Measurement, ModalityError, MotionEstimate, MotionInput,
-    Name, Node, Part, PoseEstimate, PosePrior, PriorUse, PublishedEstimate, Reading, SimTime,
+    BlockSpec, ConfigError, FixKind, Instant, Linearization, Measurement, ModalityError, MotionEstimate,
+    MotionInput, Name, Node, Part, PoseEstimate, PosePrior, PriorUse, PublishedEstimate, Reading, SimTime,
 };
 use nalgebra::{Isometry3, Matrix6, Translation3, Vector3};
 use std::collections::{BTreeMap, VecDeque};

@@ -16,9 +16,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Rows that are turned into columns at once, and read at once.
-pub(crate) const ROWS_PER_BATCH: usize = 4096;
-/// Rows of a group: what a reader loads at once, and what the writer holds in memory (about 400 bytes a row of `tracks.parquet`).
-const ROWS_PER_GROUP: usize = 8192;
+pub(crate) const ROWS_PER_BATCH: usize = 512;
+/// Rows of a group: what a reader loads at once, and what the writer holds in memory (about 1,300 bytes a row of `tracks.parquet` with its
+/// dictionaries, so one megabyte).
+const ROWS_PER_GROUP: usize = 1024;
 
 /// A column; its unit stands in its metadata (key `unit`).
 pub(crate) fn field(name: &str, kind: DataType, nullable: bool, unit: &str) -> Field {

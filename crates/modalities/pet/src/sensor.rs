@@ -121,7 +121,9 @@ impl PetSensor {
     /// What the bed's encoder tells.
     fn known_poses(&self, at_s: f64) -> BTreeMap<String, Isometry3<f64>> {
         let z_m = self.rail.as_ref().map(|rail| rail.z_m(at_s));
-        z_m.map(|z_m| (payload::SCANNER.to_owned(), Isometry3::translation(0.0, 0.0, z_m))).into_iter().collect()
+        z_m.map(|z_m| (payload::SCANNER.to_owned(), Isometry3::translation(0.0, 0.0, z_m)))
+            .into_iter()
+            .collect()
     }
 
     fn simulator(&mut self, random: &RandomStreams) -> Result<&mut Simulator, ModalityError> {

@@ -15,10 +15,10 @@ use std::sync::Arc;
 
 /// Steps before giving up; a warm start needs four, a poor one fifteen.
 const MAX_STEPS: u32 = 40;
-/// A climb ends where a step would gain less than this: a fiftieth of a standard deviation.
-pub(crate) const FINE: f64 = 2e-4;
-/// As [`FINE`], where tops are compared and odds of e^3 decide: a tenth of a standard deviation.
-pub(crate) const COARSE: f64 = 5e-3;
+/// A climb ends with a step shorter than the root of this many standard deviations: a tenth, and the square of that is left behind it.
+pub(crate) const FINE: f64 = 1e-2;
+/// As [`FINE`], where tops are compared and odds of e^3 decide: a fifth of a standard deviation.
+pub(crate) const COARSE: f64 = 4e-2;
 /// Longest step, m and rad: beyond it the quadratic form has nothing to say.
 const LONGEST_M: f64 = 4e-3;
 const LONGEST_RAD: f64 = 0.5;
@@ -107,6 +107,16 @@ impl Top {
         }
     }
 
+    /// Ends a climb by a step whose gain the quadratic form tells: so near to the top it is not looked at again.
+    fn take_last(&mut self, step: &Vector6<f64>, gradient: &Vector6<f64>) {
+        let gain = 0.5 * step.dot(gradient);
+        self.pose = oplus(&self.pose, step);
+        self.objective += gain;
+        self.log_likelihood += gain;
+        self.gain += gain;
+        self.converged = true;
+    }
+
     /// What a window's lines say about it.
     pub(crate) fn add(&mut self, of_lines: &Evaluation, window: &Window) {
         self.objective += of_lines.log_likelihood;
@@ -136,7 +146,7 @@ impl Climber {
         }
     }
 
-    /// Climbs from `start` by at most so many steps, until one would gain less than `gain`; afterwards [`Self::weights`] are those at the top.
+    /// Climbs from `start` by at most so many steps, until the square of one in standard deviations is less than `shortest`; afterwards [`Self::weights`] are those at the top.
     pub(crate) fn climb(
         &mut self,
         likelihood: &Likelihood,
@@ -144,7 +154,7 @@ impl Climber {
         start: &Isometry3<f64>,
         shares: &SharePrior,
         prior: Option<&NormalPrior>,
-        (steps, gain): (u32, f64),
+        (steps, shortest): (u32, f64),
     ) -> Top {
         shares.at(likelihood, start, &mut self.expected);
         self.weights.shares.clone_from(&self.expected);
@@ -155,8 +165,8 @@ impl Climber {
         for _ in 0..steps.min(MAX_STEPS) {
             let floor = self.floor(&top);
             let Some(step) = damped_step(&top.information, &gradient, &floor, &mut damping) else { break };
-            if step.dot(&gradient) < gain && damping == 0.0 {
-                top.converged = true;
+            if step.dot(&gradient) < shortest && damping == 0.0 {
+                top.take_last(&step, &gradient);
                 break;
             }
             let before = (self.weights.clone_shares(), self.weights.background);
@@ -317,6 +327,13 @@ pub(crate) fn covariance(information: &Matrix6<f64>, limits: &Limits) -> Result<
         let block = inverse.fixed_view::<3, 3>(from, from).into_owned();
         block.symmetric_eigenvalues().max().max(0.0).sqrt()
     };
+    // The trace bounds the largest eigenvalue.
+    let all = |from: usize| (0..3).map(|i| inverse[(from + i, from + i)]).sum::<f64>();
+    let is_surely_within = all(0) <= limits.position_m * limits.position_m
+        && all(3) <= limits.rotation_rad * limits.rotation_rad;
+    if is_surely_within {
+        return Ok((inverse + inverse.transpose()) * 0.5);
+    }
     let (position_m, rotation_rad) = (worst(0), worst(3));
     if !(position_m <= limits.position_m && rotation_rad <= limits.rotation_rad) {
         return Err(Failure::Uncertain {

@@ -19,7 +19,7 @@
 //! [`Likelihood::expected_information`] integrates `g gᵀ` over the model's own law of each line's offset (Gauss-Hermite under each
 //! component, weighted by the model's density over that of the markers alone).
 
-use super::lanes::{Four, Three, cross, dot, exp_of, splat3, three};
+use super::lanes::{Four, LogSum, Three, cross, dot, exp_of, splat3, three};
 use super::noise::COMPONENTS;
 use super::window::{Shapes, Window};
 use lumenav_core::pose::skew;
@@ -91,7 +91,7 @@ pub(crate) struct MarkerSums {
 /// What a pass sums over all.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
-    pub(crate) log_likelihood: Four,
+    pub(crate) log_likelihood: LogSum,
     pub(crate) background: Four,
     /// Upper triangle of `Σ g g^T`, rows first, force before torque about the capsule's origin, world.
     pub(crate) outer: [Four; 21],
@@ -174,7 +174,8 @@ impl<P: Purpose, const J: usize> WithSimd for Loop<'_, P, J> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let mut of_marker = [MarkerSums::default(); J];
-        let mut sums = Sums { log_likelihood: Four::ZERO, background: Four::ZERO, outer: [Four::ZERO; 21] };
+        let mut sums =
+            Sums { log_likelihood: LogSum::default(), background: Four::ZERO, outer: [Four::ZERO; 21] };
         let at: [Three; J] = std::array::from_fn(|j| splat3(&self.placed[j].at_m));
         let arms: [Three; J] = std::array::from_fn(|j| splat3(&self.placed[j].arm_m));
         let weights: [Four; J] = std::array::from_fn(|j| Four::splat(self.placed[j].weight));
@@ -207,12 +208,12 @@ fn one_pack<P: Purpose, const J: usize>(
         u[j] = [x, y];
         let (xx, xy, yy) = (half * x * x, -(x * y), half * y * y);
         let q = exp_of(three!(k => quadratic(&s.precision[k], xx, xy, yy)));
-        for k in 0..COMPONENTS {
-            e[j][k] = weights[j] * s.peak[k] * q[k];
-            total += e[j][k];
-        }
+        e[j] = three!(k => weights[j] * s.peak[k] * q[k]);
     }
-    sums.log_likelihood = s.filled.mul_add(total.ln(), sums.log_likelihood);
+    for of_marker in &e {
+        total = total + of_marker[0] + of_marker[1] + of_marker[2];
+    }
+    sums.log_likelihood.add(total, s.filled);
     let inverse = s.filled / total;
     sums.background = from_background.mul_add(inverse, sums.background);
     let mut score = [Four::ZERO; 6];
@@ -419,13 +420,13 @@ impl WithSimd for Value<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let mut sum = Four::ZERO;
+        let mut sum = LogSum::default();
         for s in self.shapes {
             let mut total = Four::splat(self.background) * s.background;
             for p in self.placed {
                 total += density(s, p);
             }
-            sum += s.filled * total.ln();
+            sum.add(total, s.filled);
         }
         sum.sum()
     }

@@ -107,28 +107,35 @@ impl<const J: usize> WithSimd for Loop<'_, J> {
 
 #[inline(always)]
 fn one_pack<const J: usize>(r: &Rays, at: &[Three; J], share: &[Activity; J], sums: &mut [Sums; J]) -> Four {
-    // With y = d^(-2/3), m^(-2/3): d^(-2/(q-1)) = y⁵ and its q-th power y⁸, q = 1.6.
+    // With y = d^(-2/3), m^(-2/3): d^(-2/(q-1)) = y⁵ and its q-th power y⁸, q = 1.6; with t the sum of f y⁵ and r = t^(-1/5), u = f y⁵ r⁵
+    // and u^q = f^q (y r)⁸.
     let mut squared = [Four::ZERO; J];
     let mut roots = [Four::ZERO; J];
-    let mut total = Four::splat(f64::MIN_POSITIVE);
+    let mut own = [Four::ZERO; J];
     for k in 0..J {
         let v: Three = three!(i => r.foot_m[i] - at[k][i]);
         let along = dot(&v, &r.direction);
         squared[k] = (dot(&v, &v) - along * along).max(Four::splat(SMALLEST_M2));
         roots[k] = squared[k].inverse_cube_root();
         let y2 = roots[k] * roots[k];
-        total = (share[k].plain * roots[k]).mul_add(y2 * y2, total);
+        own[k] = share[k].plain * roots[k] * (y2 * y2);
     }
-    let inverse = Four::splat(1.0) / total;
-    let powered = (Four::splat(-FUZZINESS) * total.ln()).exp();
+    let mut total = Four::splat(f64::MIN_POSITIVE);
+    for of_marker in own {
+        total = total + of_marker;
+    }
+    let root = total.inverse_fifth_root();
+    let root2 = root * root;
+    let inverse = root2 * root2 * root;
     let reach = Four::splat(REACH_M * REACH_M);
     let mut cost = Four::ZERO;
     for k in 0..J {
         let inside = squared[k].less_select(reach, r.filled, Four::ZERO);
-        let y2 = roots[k] * roots[k];
-        let y4 = y2 * y2;
-        let u = share[k].plain * roots[k] * y4 * inverse * inside;
-        let w = share[k].powered * y4 * y4 * powered * inside;
+        let u = own[k] * inverse * inside;
+        let z = roots[k] * root;
+        let z2 = z * z;
+        let z4 = z2 * z2;
+        let w = share[k].powered * (z4 * z4) * inside;
         let s = &mut sums[k];
         s.members += u;
         s.weight += w;

@@ -73,7 +73,8 @@ const LEAST_TRUE_SHARE: f64 = 0.2;
 const LEAST_NEAR_SHARE: f64 = 0.5;
 /// Lines that a search looks at: beyond, more of them tell attitudes apart no better than 600 of which 120 are true.
 const SEARCH_LINES: usize = 600;
-/// Lines of each window that a test of the markers' order looks at.
+/// Lines of each window that a test of the markers' order looks at, and of the last windows together that a test of the place does: few
+/// enough for each, since a window of so many leaves no doubt.
 const TEST_LINES: usize = 300;
 /// An order that is behind by this after some windows is not looked at in the others: odds of e^20.
 const HOPELESS: f64 = 20.0;
@@ -465,12 +466,12 @@ impl Mixture {
         }
     }
 
-    /// This window's lines behind those of as many earlier ones as a search looks at, which are carried along the capsule's velocity to this
-    /// window's middle.
+    /// This window's lines behind those of as many earlier ones as come to [`TEST_LINES`] with it, which are carried along the capsule's
+    /// velocity to this window's middle.
     fn carried_stack(&self, lines: &[Line], velocity_world_m_s: Vector3<f64>) -> Vec<Line> {
         let Some(now_s) = start::mean_time_s(lines) else { return lines.to_vec() };
-        let mut room = self.search_budget().saturating_sub(lines.len());
-        let mut stack = Vec::with_capacity(self.search_budget());
+        let mut room = TEST_LINES.saturating_sub(lines.len());
+        let mut stack = Vec::with_capacity(TEST_LINES.max(lines.len()));
         for (recent, _) in self.memory.recent.iter().rev() {
             let Some(left) = room.checked_sub(recent.len()) else { break };
             room = left;
@@ -643,7 +644,11 @@ impl Tracker for Mixture {
         let due = self.is_test_due();
         let located = self.locate(lines, prior);
         let done = located.and_then(|(top, why)| {
-            self.answer(&top, prior, out)?;
+            if let Err(failure) = self.answer(&top, prior, out) {
+                // Another place was better, and this window cannot say where in it: the one that was followed is wrong all the same.
+                self.memory.doubted |= why == Some(Reinitialized::LikelihoodFell);
+                return Err(self.doubt(failure));
+            }
             if why.is_some() {
                 // A pose that was searched for holds nothing of the prior.
                 out.prior_use = PriorUse::None;

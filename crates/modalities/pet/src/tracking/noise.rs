@@ -18,7 +18,7 @@
 //! photon's way, so across the line it is the line's error), and fits both laws ([`BlockNoise::of_samples`]). No label of any
 //! simulated or recorded line enters. [`BlockNoise::reference`] holds an independent study's numbers for 4 x 6 x 20 mm GSO crystals.
 
-use super::lanes::{Four, LANES, Three};
+use super::lanes::{Four, LANES, Three, lanes};
 use crate::coverage::Coverage;
 use crate::markers::MarkerSet;
 use crate::scanner::Scanner;
@@ -282,7 +282,8 @@ impl LineNoise {
         if self.slots.is_empty() {
             return self.nearest_blocks(places_world_m);
         }
-        slots_of(places_world_m[0], places_world_m[1]).map(|slot| self.slots[slot])
+        let slots = slots_of(places_world_m[0], places_world_m[1]);
+        lanes!(lane => self.slots[slots[lane]])
     }
 
     fn nearest_blocks(&self, places_world_m: &Three) -> [u32; LANES] {
@@ -305,7 +306,8 @@ fn slots_of(x: Four, y: Four) -> [usize; LANES] {
     let sum = (-x).max(x) + (-y).max(y);
     let around = x / sum.max(Four::splat(f64::MIN_POSITIVE));
     let turn = y.less_select(Four::ZERO, Four::splat(3.0) - around, Four::splat(1.0) + around);
-    (turn * Four::splat(SLOTS as f64 / 4.0)).0.map(|slot| (slot as usize).min(SLOTS - 1))
+    let slots = turn * Four::splat(SLOTS as f64 / 4.0);
+    lanes!(lane => (slots.0[lane] as usize).min(SLOTS - 1))
 }
 
 /// Block by slot, where all blocks stand upright on rings about the axis, so that a direction tells the frame.

@@ -2,7 +2,13 @@
 //!
 //! For fixed memberships the cost is `Σ_j M_jᵀ A_j M_j - 2 V_j·M_j + …` with sums that are made once per pass; its minimum over
 //! `M_j = p + R a_j` is found by Gauss-Newton in all six (p is linear in R, so it comes with it). Memberships and pose take turns until
-//! no marker moves by more than 0.01 mm. The shares f_k stay at the markers' activities, which are known; the answer's shares are
+//! no marker moves by more than 0.01 mm. Such turns converge linearly, so each goes on along the last two (Anderson 1965, of depth one):
+//!
+//! ```text
+//! r = g(x) - x,  θ = r·Δr / |Δr|²,  x' = g - θ Δg        g one turn, Δ from the last, x the pose from the first in tangent coordinates
+//! ```
+//!
+//! The fixed point is the same; a turn that grew is taken as it is. The shares f_k stay at the markers' activities, which are known; the answer's shares are
 //! those of the memberships.
 
 use super::classic::{Classic, ClassicOptions, MAX_PASSES, REST_M};
@@ -10,6 +16,8 @@ use super::failure::Failure;
 use super::{Memory, Prior, Role, Tracked, Tracker};
 use crate::line::Line;
 use crate::markers::MarkerSet;
+use lumenav_core::pose::{ominus, oplus};
+use nalgebra::{Isometry3, Vector6};
 
 /// The tracker.
 #[derive(Clone, Debug)]
@@ -26,6 +34,7 @@ impl Rigid {
     fn window(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
         let c = &mut self.classic;
         let (mut pose, why) = c.begin(lines, prior)?;
+        let mut ahead = Ahead::from(&pose);
         for _ in 0..MAX_PASSES {
             c.place(&pose);
             c.memberships();
@@ -39,11 +48,45 @@ impl Rigid {
             if c.body.markers_m.iter().all(|m| moved(m) < REST_M) {
                 break;
             }
+            pose = ahead.of(&before, &pose);
         }
-        c.place(&pose);
-        c.memberships();
+        // Those of the last pass, less than the rest's move away.
         c.update_shares();
+        c.place(&pose);
         c.finish(&pose, prior, why, out)
+    }
+}
+
+/// Length that a radian counts for beside a metre: that of a marker's arm.
+const ARM_M: f64 = 8e-3;
+/// Furthest that a turn is carried on, turns: convergence by four fifths a turn.
+const FURTHEST: f64 = 4.0;
+
+/// Carries turns on.
+struct Ahead {
+    first: Isometry3<f64>,
+    /// Last turn's end and its residual, from the first pose.
+    last: Option<(Vector6<f64>, Vector6<f64>)>,
+}
+
+impl Ahead {
+    fn from(first: &Isometry3<f64>) -> Self {
+        Self { first: *first, last: None }
+    }
+
+    /// Where to go on from behind a turn.
+    fn of(&mut self, before: &Isometry3<f64>, behind: &Isometry3<f64>) -> Isometry3<f64> {
+        let (x, g) = (ominus(before, &self.first), ominus(behind, &self.first));
+        let mut residual = g - x;
+        residual.fixed_rows_mut::<3>(3).scale_mut(ARM_M);
+        let Some((last, before)) = self.last.replace((g, residual)) else { return *behind };
+        let change = residual - before;
+        let squared = change.norm_squared();
+        if residual.norm_squared() >= before.norm_squared() || squared <= 0.0 {
+            return *behind;
+        }
+        let theta = (residual.dot(&change) / squared).clamp(-FURTHEST, FURTHEST);
+        oplus(&self.first, &(g - (g - last) * theta))
     }
 }
 

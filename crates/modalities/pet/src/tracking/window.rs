@@ -122,8 +122,12 @@ impl Window {
         self.rays.clear();
         self.shapes.clear();
         self.origin_world_m = how.about_world_m;
-        let usable = lines.iter().filter(|l| is_usable(l)).count();
-        let take = how.budget.unwrap_or(usize::MAX).min(usable);
+        // Without a budget, or within it, all are taken.
+        let most = how.budget.filter(|most| *most < lines.len());
+        let even = most.map(|most| {
+            let usable = lines.iter().filter(|l| is_usable(l)).count();
+            (most.min(usable), usable)
+        });
         let mut seen = 0_usize;
         for (index, line) in lines.iter().enumerate() {
             if !is_usable(line) {
@@ -131,7 +135,7 @@ impl Window {
             }
             // The k-th of `take` of `usable` lines, evenly spread (Bresenham).
             seen += 1;
-            if seen * take / usable == (seen - 1) * take / usable {
+            if even.is_some_and(|(take, usable)| seen * take / usable == (seen - 1) * take / usable) {
                 continue;
             }
             let moved = if how.velocity_world_m_s == Vector3::zeros() {
@@ -359,7 +363,10 @@ fn shapes_of(ends: &Ends, rays: &Rays, origin: &Three, noise: &LineNoise) -> Sha
     let (near, far) = ((one - s) * (one - s), s * s);
     let mut core = [Four::ZERO; 6];
     let mut tail = [Four::ZERO; 6];
-    let blocks = [&ends.a, &ends.b].map(|end| noise.blocks_at(&three!(i => end[i] + origin[i])));
+    let blocks = [
+        noise.blocks_at(&three!(i => ends.a[i] + origin[i])),
+        noise.blocks_at(&three!(i => ends.b[i] + origin[i])),
+    ];
     for lane in 0..LANES {
         let (ca, ta) = noise.end_covariances(blocks[0][lane]);
         let (cb, tb) = noise.end_covariances(blocks[1][lane]);

@@ -142,7 +142,8 @@ impl Mixture {
         self.tops.extend(found.iter().map(|moving| moving.top));
         let best = self.supported(looked_at)?;
         let rivals = self.rivals();
-        if let Some(far) = rivals.iter().find(|r| self.body.distance_m(&best.pose, &r.pose) > WITHIN_REACH_M) {
+        if let Some(far) = rivals.iter().find(|r| self.body.distance_m(&best.pose, &r.pose) > WITHIN_REACH_M)
+        {
             return Err(Self::ambiguous(&best, far));
         }
         let rivals: Vec<Moving> =
