@@ -2,9 +2,9 @@
 
 use crate::models::{Gyro, RelativeModel, gyro_reading, measurement, position_fix, values, white_motion};
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
-use lumenav_core::{Measurement, Name, SimTime};
+use lumenav_core::{Measurement, MotionEstimate, Name, SimTime};
 use lumenav_fusion::{Eskf, EskfOptions, Filter as _, PriorOptions, Refused, Verdict};
-use nalgebra::Vector3;
+use nalgebra::{SMatrix, Vector3};
 use std::sync::Arc;
 
 fn tenth(k: u64) -> SimTime {
@@ -40,6 +40,33 @@ fn law_a_filter_starts_from_a_fix_and_from_nothing_else() {
         (filter.counters().starts, filter.counters().not_started, filter.counters().accepted),
         (1, 1, 0)
     );
+}
+
+/// Means and variances of two normal laws of one velocity: precision-weighted; what the fix shares with the velocity moves with it.
+#[test]
+fn closed_form_a_motion_measured_beside_the_fix_is_joined_with_the_believed_velocity() {
+    let options = EskfOptions { initial_velocity_sigma_m_s: Positive(0.02), ..EskfOptions::default() };
+    let mut filter = Eskf::new(options, Vec::new());
+    let (velocity, rate) = (Vector3::new(0.02, 0.0, 0.0), Vector3::new(0.0, 0.3, 0.0));
+    let mut covariance = SMatrix::<f64, 12, 12>::identity() * 1e-4;
+    covariance[(0, 0)] = 4e-6;
+    (covariance[(0, 6)], covariance[(6, 0)]) = (5e-6, 5e-6);
+    let motion =
+        MotionEstimate { velocity_world_m_s: velocity, angular_rate_capsule_rad_s: rate, covariance };
+    let start = Measurement { motion: Some(motion), ..fix(1, 0.1) };
+    assert!(matches!(filter.offer(start).verdict, Verdict::Started));
+    let belief = filter.belief().unwrap();
+    let near = |here: f64, there: f64| assert!((here - there).abs() < 1e-15, "{here} {there}");
+    // 1 / (1/1e-4 + 1/4e-4), and four fifths of the measured velocity.
+    near(belief.covariance[(6, 6)], 8e-5);
+    near(belief.state.velocity_world_m_s.x, 0.016);
+    near(belief.state.world_from_capsule.translation.x, 0.1 - 5e-6 / 5e-4 * 0.02);
+    near(belief.covariance[(0, 0)], 4e-6 - 5e-6 * 5e-6 / 5e-4);
+    near(belief.covariance[(0, 6)], 5e-6 - 5e-6 * 1e-4 / 5e-4);
+    // The rate is taken as it is, its error turned into the world: δω_world = R (δω - [ω]ₓ δθ).
+    near(belief.state.angular_rate_capsule_rad_s.y, 0.3);
+    near(belief.covariance[(10, 10)], 1e-4);
+    near(belief.covariance[(9, 9)], 1e-4 * (1.0 + 0.3 * 0.3));
 }
 
 #[test]

@@ -174,6 +174,15 @@ pub struct CrystalGrid {
 }
 
 impl CrystalGrid {
+    /// Column and row of the pitch cell that holds `(h, z)`; `None` beside the block.
+    pub fn cell(&self, h_m: f64, z_m: f64) -> Option<(u32, u32)> {
+        let index = |along_m: f64, pitch_m: f64, count: u32| {
+            let cell = (along_m / pitch_m + 0.5 * f64::from(count)).floor();
+            (cell >= 0.0 && cell < f64::from(count)).then_some(cell as u32)
+        };
+        Some((index(h_m, self.tangential_pitch_m, self.columns)?, index(z_m, self.axial_pitch_m, self.rows)?))
+    }
+
     /// Half the block's width, outer gaps left out, m.
     pub fn half_width_m(&self) -> f64 {
         0.5 * (f64::from(self.columns - 1) * self.tangential_pitch_m + self.tangential_m)
@@ -299,12 +308,7 @@ impl Scanner {
 
     /// Column and row of the pitch cell that holds `(h, z)`; `None` beside the block.
     pub fn cell(&self, h_m: f64, z_m: f64) -> Option<(u32, u32)> {
-        let index = |along_m: f64, pitch_m: f64, count: u32| {
-            let cell = (along_m / pitch_m + 0.5 * f64::from(count)).floor();
-            (cell >= 0.0 && cell < f64::from(count)).then_some(cell as u32)
-        };
-        let g = &self.grid;
-        Some((index(h_m, g.tangential_pitch_m, g.columns)?, index(z_m, g.axial_pitch_m, g.rows)?))
+        self.grid.cell(h_m, z_m)
     }
 
     /// The crystal that holds a place, gaps counted to the nearest crystal; `None` outside all blocks.

@@ -130,6 +130,16 @@ impl BlockPhysics {
     /// Follows a photon (block coordinates) through the block. What it left there; `None` where it passed or missed. Afterwards
     /// `photon` is what leaves the block: of energy 0 where nothing does, untouched where it missed.
     pub fn respond<R: Rng + ?Sized>(&self, photon: &mut Photon, random: &mut R) -> Option<Deposit> {
+        self.respond_telling(photon, random, |_, _| ())
+    }
+
+    /// As [`Self::respond`], telling the energy, eV, and the place of each interaction.
+    pub(super) fn respond_telling<R: Rng + ?Sized>(
+        &self,
+        photon: &mut Photon,
+        random: &mut R,
+        mut tell: impl FnMut(f64, &Vector3<f64>),
+    ) -> Option<Deposit> {
         let (near_m, mut far_m) = self.chord_m(&photon.place_m, &photon.direction)?;
         let before = *photon;
         photon.advance(near_m);
@@ -152,11 +162,11 @@ impl BlockPhysics {
             let absorbed = random.random::<f64>() * total_per_m >= compton_per_m;
             let place_m = photon.place_m;
             let left_ev = if absorbed { photon.energy_ev } else { photon.scatter(random) };
-            crystals.add(cell, left_ev, &place_m);
-            if absorbed || photon.energy_ev < LOCAL_EV {
-                if !absorbed {
-                    crystals.add(cell, photon.energy_ev, &place_m);
-                }
+            let is_last = absorbed || photon.energy_ev < LOCAL_EV;
+            let all_ev = if is_last && !absorbed { left_ev + photon.energy_ev } else { left_ev };
+            crystals.add(cell, all_ev, &place_m);
+            tell(all_ev, &place_m);
+            if is_last {
                 photon.energy_ev = 0.0;
                 break;
             }

@@ -15,6 +15,7 @@ use super::coincidence::LabelledLine;
 use super::detectors::{Hit, Kind, Single};
 use super::forced::{Window, draw_pair, random_line};
 use super::photon::Photon;
+use super::response::Placed;
 use super::source::{ANNIHILATION_EV, MarkerPaths, opposite};
 use super::tables::{Key, Node, SPACING_M, Tables, kind_of};
 use lumenav_core::RandomStream;
@@ -162,49 +163,24 @@ impl Tabulated {
                 let local = detectors.to_block(block, &photon).on_face();
                 self.tables.response.draw(&local, given, random)
             };
-            let (Some(b_m), Some(a_m)) = (placed(other_block, second, 1.0), placed(block, first, most))
+            let (Some(at_b), Some(at_a)) = (placed(other_block, second, 1.0), placed(block, first, most))
             else {
                 continue;
             };
             if scatterings == 0 && random.random::<bool>() {
                 continue;
             }
-            let single = |block: usize,
-                          place_m: Vector3<f64>,
-                          scatterings: u32,
-                          random: &mut RandomStream| {
-                self.single(physics, (block, place_m, scatterings), (after_s, number as u32, marker), random)
-            };
-            let (Some(a), Some(b)) =
-                (single(block, a_m, 0, random), single(other_block, b_m, scatterings, random))
-            else {
+            let name = (after_s, number as u32, marker);
+            let (Some(a), Some(b)) = (
+                single(physics, (block, &at_a, 0), name, random),
+                single(physics, (other_block, &at_b, scatterings), name, random),
+            ) else {
                 continue;
             };
             if (a.after_s - b.after_s).abs() < detectors.scanner().detection.coincidence_window_s {
                 out.push(LabelledLine::of(&a, &b, window.start_s, window.duration_s));
             }
         }
-    }
-
-    /// A photon that passed the energy window, read out.
-    #[expect(clippy::unused_self, reason = "stands among the steps of a table's photon")]
-    fn single(
-        &self,
-        physics: &Physics,
-        (block, place_block_m, scatterings): (usize, Vector3<f64>, u32),
-        (after_s, decay, marker): (f64, u32, usize),
-        random: &mut RandomStream,
-    ) -> Option<Single> {
-        let crystal = physics.detectors.scanner().cell(place_block_m.x, place_block_m.y)?;
-        let deposit = Deposit {
-            energy_ev: ANNIHILATION_EV,
-            crystal,
-            crystal_energy_ev: ANNIHILATION_EV,
-            place_block_m,
-            path_m: 0.0,
-        };
-        let hit = Hit { block, deposit, kind: Kind::Annihilation, scatterings };
-        physics.detectors.read_out_accepted(&hit, after_s, decay, marker as u8, random)
     }
 
     /// Lines with a prompt gamma, and lines without a direct photon.
@@ -274,6 +250,24 @@ impl Tabulated {
         let total: f64 = (0..physics.markers.len()).map(decays).sum();
         node.sample.thin(physics, total / window.duration_s, random, out);
     }
+}
+
+/// A photon that passed the energy window, read out.
+fn single(
+    physics: &Physics,
+    (block, placed, scatterings): (usize, &Placed, u32),
+    (after_s, decay, marker): (f64, u32, usize),
+    random: &mut RandomStream,
+) -> Option<Single> {
+    let deposit = Deposit {
+        energy_ev: ANNIHILATION_EV,
+        crystal: placed.crystal,
+        crystal_energy_ev: ANNIHILATION_EV,
+        place_block_m: placed.place_block_m,
+        path_m: 0.0,
+    };
+    let hit = Hit { block, deposit, kind: Kind::Annihilation, scatterings };
+    physics.detectors.read_out_accepted(&hit, after_s, decay, marker as u8, random)
 }
 
 /// The eight nodes around a marker in the middle of a window, with their weights.

@@ -57,7 +57,7 @@ fn summary(simulator: &mut Simulator, windows: u64, seed: u64) -> Summary {
     summary
 }
 
-/// Rates within 4 standard errors, true fraction within 4, offsets with p above 0.001 (a test that runs daily on fixed seeds).
+/// Rates within 4 standard errors, true fraction within 4, offsets with p above 0.01, on fixed seeds.
 fn assert_alike(a: &Summary, b: &Summary) {
     let all = a.rate_deviation(b, |c| c.iter().sum());
     assert!(all.abs() < 4.0, "lines per window {} and {}", a.lines_per_window(), b.lines_per_window());
@@ -68,9 +68,9 @@ fn assert_alike(a: &Summary, b: &Summary) {
     let fraction = a.fraction_deviation(b);
     assert!(fraction.abs() < 4.0, "true fraction {} and {}", a.true_fraction(), b.true_fraction());
     let p = kolmogorov_smirnov(&a.true_offsets_m, &b.true_offsets_m);
-    assert!(p > 1e-3, "offsets of true lines: p {p}");
+    assert!(p > 0.01, "offsets of true lines: p {p}");
     let p = kolmogorov_smirnov(&a.other_offsets_m, &b.other_offsets_m);
-    assert!(p > 1e-3, "offsets of other lines: p {p}");
+    assert!(p > 0.01, "offsets of other lines: p {p}");
 }
 
 #[test]
