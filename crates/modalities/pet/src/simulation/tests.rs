@@ -75,9 +75,9 @@ fn assert_alike(a: &Summary, b: &Summary) {
 
 #[test]
 fn cross_modes_agree_on_the_reduced_scanner() {
-    let analog = summary(&mut simulator(scanner("reduced"), Some(20), Mode::Analog), 6, 1);
-    let forced = summary(&mut simulator(scanner("reduced"), Some(20), Mode::Forced), 42, 2);
-    let tabulated = summary(&mut simulator(scanner("reduced"), Some(20), Mode::Tabulated), 60, 3);
+    let analog = summary(&mut simulator(scanner("reduced"), Some(20), Mode::Analog), 45, 31);
+    let forced = summary(&mut simulator(scanner("reduced"), Some(20), Mode::Forced), 45, 32);
+    let tabulated = summary(&mut simulator(scanner("reduced"), Some(20), Mode::Tabulated), 45, 33);
     assert_alike(&analog, &forced);
     assert_alike(&forced, &tabulated);
 }
