@@ -55,6 +55,17 @@ impl Figures {
     }
 }
 
+/// Below this availability a verdict says of how much of the time it speaks.
+const RARELY: f64 = 0.9;
+
+/// A track that is lost is consistent wherever it still says something.
+fn limits_of(availability: Option<f64>) -> String {
+    let rarely = availability.filter(|a| *a < RARELY);
+    rarely.map_or_else(String::new, |a| {
+        format!(" (of the {:.0} % of the time for which it has an estimate)", 100.0 * a)
+    })
+}
+
 /// A column per track: position error, heading, availability, NEES; then the verdicts.
 pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
     let mut figures = Figures::new(
@@ -92,7 +103,7 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
     let mut text = figures.table();
     for (name, t) in &metrics.tracks {
         if let Some(verdict) = &t.verdict {
-            text = format!("{text}\n{name}: {verdict}");
+            text = format!("{text}\n{name}: {verdict}{}", limits_of(t.availability));
         }
         if let Some(line) = refusals(t) {
             text = format!("{text}\n{name}: {line}");
@@ -204,7 +215,7 @@ pub fn of_trials(trials: &Trials) -> String {
     let mut text = figures.table();
     for (name, t) in &trials.tracks {
         if let Some(verdict) = &t.verdict {
-            text = format!("{text}\n{name}: {verdict}");
+            text = format!("{text}\n{name}: {verdict}{}", limits_of(t.availability.map(|a| a.mean)));
         }
     }
     for (name, track) in &trials.tracks {

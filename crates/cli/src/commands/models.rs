@@ -7,6 +7,7 @@ use anyhow::bail;
 use comfy_table::presets;
 use lumenav::anatomy::phantom::Phantom;
 use lumenav::anatomy::tract_file::{self, TractOptions};
+use lumenav::control::CONTROLLERS;
 use lumenav::core::{ConfigError, Node, Registry};
 use lumenav::magnetic::array::SensorArray;
 use lumenav::pet::simulation::{Isotope, Scintillator};
@@ -203,16 +204,20 @@ fn check(root: &Path, json: bool) -> anyhow::Result<()> {
 /// Lists the modalities.
 pub fn plugins(options: &PluginsOptions, registry: &Registry) -> anyhow::Result<()> {
     if options.json {
-        let all: Vec<_> = registry
-            .modalities()
-            .map(
-                |m| serde_json::json!({ "kind": m.kind(), "about": m.about(), "front_ends": m.front_ends() }),
-            )
-            .collect();
+        let modalities = registry.modalities().map(
+            |m| serde_json::json!({ "kind": m.kind(), "about": m.about(), "front_ends": m.front_ends() }),
+        );
+        let controllers = CONTROLLERS
+            .iter()
+            .map(|c| serde_json::json!({ "kind": c.name, "about": c.about, "is_controller": true }));
+        let all: Vec<_> = modalities.chain(controllers).collect();
         return crate::output::json(&all);
     }
     for modality in registry.modalities() {
         say!("{}  {} (front ends: {})", modality.kind(), modality.about(), modality.front_ends().join(", "))?;
+    }
+    for controller in CONTROLLERS {
+        say!("{}  {} (controller)", controller.name, controller.about)?;
     }
     Ok(())
 }

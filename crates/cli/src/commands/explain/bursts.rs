@@ -83,7 +83,7 @@ impl Burst {
         };
         self.to_s = self.to_s.max(seconds(event.t_ns));
         self.count += 1;
-        let (text, number) = text.as_ref().map_or(("", None), |text| words::stem_and_number(text));
+        let (text, number) = text.as_ref().map_or((String::new(), None), |text| words::stem_and_number(text));
         let text = if text.is_empty() { String::new() } else { format!(": {text}") };
         let of = self.reasons.entry(format!("of `{sensor}` {}{text}", words::refusal(reason))).or_default();
         of.count += 1;

@@ -74,14 +74,24 @@ pub fn refusal(reason: &str) -> &str {
     }
 }
 
-/// A reason and the number it ends in, so that equal reasons count together.
-pub fn stem_and_number(text: &str) -> (&str, Option<f64>) {
-    let stem = text.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.');
-    match text[stem.len()..].parse() {
-        // `s14` is a name, not a figure.
-        Ok(number) if stem.ends_with(' ') => (stem.trim_end(), Some(number)),
-        _ => (text, None),
-    }
+/// A reason without its figures, and the one that it ends in, so that equal reasons count together: `3.2 of 48 lines` is `… of … lines`.
+pub fn stem_and_number(text: &str) -> (String, Option<f64>) {
+    let figure = |word: &str| word.trim_matches(['(', ')', ',', ';', ':']).parse::<f64>().ok();
+    let words: Vec<&str> = text.split(' ').collect();
+    // `s14` is a name, not a figure.
+    let last = words.last().and_then(|word| word.parse::<f64>().ok());
+    let kept = if last.is_some() { &words[..words.len() - 1] } else { &words[..] };
+    let hidden = |word: &&str| if figure(word).is_some() { without_figure(word) } else { (*word).to_owned() };
+    let stem: Vec<String> = kept.iter().map(hidden).collect();
+    (stem.join(" "), last)
+}
+
+/// `(5.0,` as `(…,`.
+fn without_figure(word: &str) -> String {
+    let of_figure = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+' | 'e' | 'E');
+    let start = word.find(of_figure).unwrap_or(word.len());
+    let end = word.rfind(|c: char| c.is_ascii_digit()).map_or(start, |last| last + 1);
+    format!("{}…{}", &word[..start], &word[end..])
 }
 
 /// `1 reading`, `2 readings`.
@@ -95,10 +105,16 @@ mod tests {
 
     #[test]
     fn closed_form_the_number_at_the_end_of_a_reason() {
-        assert_eq!(stem_and_number("chi-square per dof 12.5"), ("chi-square per dof", Some(12.5)));
-        assert_eq!(stem_and_number("no source near sensor s1"), ("no source near sensor s1", None));
-        assert_eq!(stem_and_number("all channels lost."), ("all channels lost.", None));
-        assert_eq!(stem_and_number(""), ("", None));
+        let told = |text: &str| stem_and_number(text);
+        assert_eq!(told("chi-square per dof 12.5"), ("chi-square per dof".to_owned(), Some(12.5)));
+        assert_eq!(told("no source near sensor s1"), ("no source near sensor s1".to_owned(), None));
+        assert_eq!(told("all channels lost."), ("all channels lost.".to_owned(), None));
+        assert_eq!(told(""), (String::new(), None));
+        let few = "3.2 of 48 lines pass the markers; needed: 4";
+        assert_eq!(told(few), ("… of … lines pass the markers; needed:".to_owned(), Some(4.0)));
+        let vague = "the pose is too uncertain: 6.0 mm, 27 degrees (allowed 5.0 mm, 34 degrees)";
+        let hidden = "the pose is too uncertain: … mm, … degrees (allowed … mm, … degrees)";
+        assert_eq!(told(vague), (hidden.to_owned(), None));
     }
 
     #[test]
