@@ -199,7 +199,7 @@ pub fn rewind<'w>(
     from: &Isometry3<f64>,
     earlier: impl DoubleEndedIterator<Item = &'w [Line]>,
 ) {
-    let start = |pose| Memory { world_from_capsule: Some(pose), ..Memory::default() };
+    let start = |pose| Memory { world_from_capsule: Some(pose), started: true, ..Memory::default() };
     let (mut pose, mut tracked) = (*from, Tracked::default());
     for lines in earlier.rev() {
         tracker.recall(start(pose));
@@ -215,6 +215,8 @@ pub fn rewind<'w>(
 pub struct Memory {
     /// Windows seen.
     pub windows: u64,
+    /// There was a pose (`mixture`): one that is lost is searched for at once, the first may wait for several windows.
+    pub started: bool,
     /// The last window's pose; `None` before the first and after a failure.
     pub world_from_capsule: Option<Isometry3<f64>>,
     /// Centroid of the lines of the last window that had one, m.

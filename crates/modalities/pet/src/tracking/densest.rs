@@ -4,7 +4,7 @@
 //! line and s = [`PASSING_M`].
 
 use super::lanes::{Four, Three, dot, splat3, three};
-use super::window::{Rays, rays_through};
+use super::window::{Rays, RaysThrough};
 use crate::line::Line;
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
@@ -43,14 +43,24 @@ fn meeting(a: &Line, b: &Line) -> Option<Vector3<f64>> {
     inside.then(|| ((from + u * s) + (to + v * t)) * 0.5)
 }
 
-/// Of the places where two of these usable lines nearly meet, the one that most of them pass.
-pub(crate) fn densest(lines: &[&Line]) -> Option<Vector3<f64>> {
-    let count = lines.len();
-    // Pairs at growing distances in the list: every line is tried with many others, in an order that depends on nothing.
-    let pairs = (1..count).flat_map(|apart| (0..count - apart).map(move |i| (i, i + apart)));
-    let places: Vec<Vector3<f64>> =
-        pairs.take(PAIRS).filter_map(|(i, j)| meeting(lines[i], lines[j])).take(CANDIDATES).collect();
-    Arch::new().dispatch(Busiest { rays: &rays_through(lines), places: &places })
+/// Looks for it; keeps its buffers.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Densest {
+    rays: RaysThrough,
+    places: Vec<Vector3<f64>>,
+}
+
+impl Densest {
+    /// Of the places where two of these usable lines nearly meet, the one that most of them pass.
+    pub(crate) fn find(&mut self, lines: &[Line]) -> Option<Vector3<f64>> {
+        let count = lines.len();
+        // Pairs at growing distances in the list: every line is tried with many others, in an order that depends on nothing.
+        let pairs = (1..count).flat_map(|apart| (0..count - apart).map(move |i| (i, i + apart)));
+        let meetings = pairs.take(PAIRS).filter_map(|(i, j)| meeting(&lines[i], &lines[j]));
+        self.places.clear();
+        self.places.extend(meetings.take(CANDIDATES));
+        Arch::new().dispatch(Busiest { rays: self.rays.of(lines), places: &self.places })
+    }
 }
 
 /// Of some places the one that most lines pass.

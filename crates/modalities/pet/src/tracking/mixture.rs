@@ -22,7 +22,7 @@ use super::body::Body;
 use super::budget::Budget;
 use super::centroid::{Centroid, Weight};
 use super::climb::{COARSE, Climber, FINE, Limits, NormalPrior, SharePrior, Top, covariance};
-use super::densest::{densest, distance_m};
+use super::densest::{Densest, distance_m};
 use super::estimate_markers::MarkerEstimate;
 use super::failure::Failure;
 use super::initialize::Search;
@@ -131,6 +131,10 @@ pub struct Mixture {
     climber: Climber,
     tops: Vec<Top>,
     stack: Vec<Line>,
+    looked_at: Vec<Line>,
+    densest: Densest,
+    /// Objective of each other order of the markers over the last windows, and its number.
+    orders: Vec<(f64, usize)>,
     /// Of a pose that this window's start from several windows brought.
     motion: Option<MotionEstimate>,
     origins: Vec<Four>,
@@ -158,6 +162,9 @@ impl Mixture {
             search: Search::default(),
             tops: Vec::new(),
             stack: Vec::new(),
+            looked_at: Vec::new(),
+            densest: Densest::default(),
+            orders: Vec::new(),
             motion: None,
             origins: Vec::new(),
             body,
@@ -205,21 +212,23 @@ impl Mixture {
     fn look_everywhere(&mut self, lines: &[Line]) -> Result<usize, Failure> {
         self.tops.clear();
         let by_centroid = self.search(lines);
-        let looked_at: Vec<Line> = self.window.indices.iter().map(|index| lines[*index as usize]).collect();
-        let usable: Vec<&Line> = looked_at.iter().collect();
-        if let Some(place) = densest(&usable)
+        let mut looked_at = std::mem::take(&mut self.looked_at);
+        looked_at.clear();
+        looked_at.extend(self.window.indices.iter().map(|index| lines[*index as usize]));
+        let given = looked_at.len();
+        if let Some(place) = self.densest.find(&looked_at)
             && !self.is_found_at(&place)
         {
-            let passes = |line: &&Line| distance_m(line, &place) < self.noise.background_radius_m;
-            let near: Vec<Line> = looked_at.iter().filter(passes).copied().collect();
+            looked_at.retain(|line| distance_m(line, &place) < self.noise.background_radius_m);
             // Where this finds nothing, what the centroid found is left.
-            let _ = self.search(&near);
+            let _ = self.search(&looked_at);
         }
+        self.looked_at = looked_at;
         if self.tops.is_empty() {
             by_centroid?;
         }
         self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        Ok(looked_at.len())
+        Ok(given)
     }
 
     /// Whether the best top so far has its markers where most lines pass: all attitudes were tried there.
@@ -256,7 +265,7 @@ impl Mixture {
     /// The first pose: of this window or, where it says too little, of the last ones together.
     fn first_pose(&mut self, lines: &[Line]) -> Result<Top, Failure> {
         // A capsule that was lost is wanted back at once: where it was looked for before, one window has to do.
-        let is_start = self.memory.shares.is_empty();
+        let is_start = !self.memory.started;
         let needed = if is_start { self.options.start_windows.min(STACK) } else { 1 };
         let have = self.memory.recent.len() + 1;
         if have < needed {
@@ -281,19 +290,15 @@ impl Mixture {
     /// The best top of a search that looked at `given` lines, if it explains enough of them, and no other place does nearly as well.
     fn unambiguous(&self, given: usize) -> Result<Top, Failure> {
         let best = self.supported(given)?;
-        match self.rivals().first() {
+        match self.tops[1..].iter().find(|top| self.is_rival(&best, top)) {
             Some(rival) => Err(Self::ambiguous(&best, rival)),
             None => Ok(best),
         }
     }
 
-    /// Tops that are other poses than the best and explain the lines nearly as well.
-    fn rivals(&self) -> Vec<Top> {
-        let Some((best, others)) = self.tops.split_first() else { return Vec::new() };
-        let is_rival = |top: &&Top| {
-            self.body.distance_m(&best.pose, &top.pose) > SAME_POSE_M && best.gain - top.gain < AMBIGUOUS
-        };
-        others.iter().filter(is_rival).copied().collect()
+    /// Whether a top is another pose than the best and explains the lines nearly as well.
+    fn is_rival(&self, best: &Top, top: &Top) -> bool {
+        self.body.distance_m(&best.pose, &top.pose) > SAME_POSE_M && best.gain - top.gain < AMBIGUOUS
     }
 
     fn ambiguous(best: &Top, rival: &Top) -> Failure {
@@ -361,8 +366,9 @@ impl Mixture {
     /// Climbs the last windows again from every other order of the markers; the turn that explains them better, if one does.
     fn better_order(&mut self) -> Option<nalgebra::Rotation3<f64>> {
         let mut here = 0.0;
-        let mut others: Vec<(f64, usize)> =
-            (0..self.body.permutations.len()).map(|turn| (0.0, turn)).collect();
+        let mut orders = std::mem::take(&mut self.orders);
+        orders.clear();
+        orders.extend((0..self.body.permutations.len()).map(|turn| (0.0, turn)));
         for at in 0..self.memory.recent.len() {
             let (lines, pose) = &self.memory.recent[at];
             let about = Preparation::about(pose.transform_point(&self.body.centroid_m.into()).coords);
@@ -376,12 +382,14 @@ impl Mixture {
                     .objective
             };
             here += climb(pose);
-            for (sum, turn) in &mut others {
+            for (sum, turn) in &mut orders {
                 *sum += climb(&self.body.turned(pose, &self.body.permutations[*turn]));
             }
-            others.retain(|(sum, _)| *sum > here - HOPELESS);
+            orders.retain(|(sum, _)| *sum > here - HOPELESS);
         }
-        let (best, turn) = others.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let best = orders.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0));
+        self.orders = orders;
+        let (best, turn) = best?;
         (best - here > BETTER).then(|| self.body.permutations[turn])
     }
 
@@ -443,15 +451,20 @@ impl Mixture {
         // A pose that held so far is tested on the last windows together; one that just broke, on this window alone.
         let is_moving = velocity_world_m_s != Vector3::zeros();
         let along = if is_moving { velocity_world_m_s } else { self.recent_velocity() };
-        let tested = if is_sound { self.carried_stack(lines, along) } else { lines.to_vec() };
-        let found = self.find(&tested);
+        let mut stack = std::mem::take(&mut self.stack);
+        if is_sound {
+            self.carry_stack(lines, along, &mut stack);
+        }
+        let tested = if is_sound { &stack[..] } else { lines };
+        let found = self.find(tested);
         // Of a sound pose only another place is looked for: the same one, a little better without a velocity, is none.
         let most = self
             .tops
             .first()
             .filter(|top| !is_sound || self.body.distance_m(&top.pose, &followed.pose) > SAME_POSE_M);
         let most = most.map_or(f64::NEG_INFINITY, |top| top.gain);
-        let here = self.gain_in_search(&tested, followed);
+        let here = self.gain_in_search(tested, followed);
+        self.stack = stack;
         let margin = if is_sound { ELSEWHERE } else { BETTER };
         match found {
             Ok(top) if most > here + margin => {
@@ -468,20 +481,20 @@ impl Mixture {
 
     /// This window's lines behind those of as many earlier ones as come to [`TEST_LINES`] with it, which are carried along the capsule's
     /// velocity to this window's middle.
-    fn carried_stack(&self, lines: &[Line], velocity_world_m_s: Vector3<f64>) -> Vec<Line> {
-        let Some(now_s) = start::mean_time_s(lines) else { return lines.to_vec() };
+    fn carry_stack(&self, lines: &[Line], velocity_world_m_s: Vector3<f64>, stack: &mut Vec<Line>) {
+        stack.clear();
         let mut room = TEST_LINES.saturating_sub(lines.len());
-        let mut stack = Vec::with_capacity(TEST_LINES.max(lines.len()));
-        for (recent, _) in self.memory.recent.iter().rev() {
-            let Some(left) = room.checked_sub(recent.len()) else { break };
-            room = left;
-            stack.extend(recent.iter().map(|line| {
-                let way = velocity_world_m_s * (now_s - line.t_s);
-                Line { ends_world_m: line.ends_world_m.map(|end| end + way), ..*line }
-            }));
+        if let Some(now_s) = start::mean_time_s(lines) {
+            for (recent, _) in self.memory.recent.iter().rev() {
+                let Some(left) = room.checked_sub(recent.len()) else { break };
+                room = left;
+                stack.extend(recent.iter().map(|line| {
+                    let way = velocity_world_m_s * (now_s - line.t_s);
+                    Line { ends_world_m: line.ends_world_m.map(|end| end + way), ..*line }
+                }));
+            }
         }
         stack.extend_from_slice(lines);
-        stack
     }
 
     /// How fast the last windows' poses moved.
@@ -601,6 +614,7 @@ impl Mixture {
         self.shares.background += 0.2 * (self.climber.weights.background - self.shares.background);
         self.memory.background_near = Some(self.shares.background);
         self.memory.background_share = Some(out.background_share);
+        self.memory.started = true;
         self.memory.shares.clone_from(&self.climber.weights.shares);
         self.memory.centroid_world_m = Some(self.place_of(&out.world_from_capsule));
         self.memory.markers_world_m.clone_from(&out.markers_world_m);
@@ -704,7 +718,7 @@ impl Mixture {
         let searching = self.memory.world_from_capsule.is_none();
         self.memory.world_from_capsule = None;
         // A start from several windows goes on gathering, whatever one of them lacks.
-        let is_gathering = self.options.start_windows > 1 && self.memory.shares.is_empty();
+        let is_gathering = self.options.start_windows > 1 && !self.memory.started;
         match failure {
             _ if is_gathering => self.remember(lines, &Isometry3::identity()),
             Failure::Ambiguous { .. } | Failure::Gathering { .. } | Failure::Doubted { .. } if searching => {

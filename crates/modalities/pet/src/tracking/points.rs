@@ -15,7 +15,7 @@
 //! from; then the next point among the lines that pass the found ones by. New points are put in order of x, then y, then z, so that two
 //! trackers shown the same lines give them the same numbers.
 
-use super::densest::{PASSING_M, densest, distance_m};
+use super::densest::{Densest, PASSING_M, distance_m};
 use super::failure::Failure;
 use super::likelihood::{Evaluation, Likelihood, Weights};
 use super::noise::LineNoise;
@@ -153,13 +153,11 @@ impl Points {
         let mut known: Vec<Vector3<f64>> = found.iter().flatten().map(|p| p.position_world_m).collect();
         let mut new = Vec::new();
         for _ in &missing {
-            let free: Vec<&Line> = lines
-                .iter()
-                .filter(|line| {
-                    is_usable(line) && known.iter().all(|at| distance_m(line, at) > 3.0 * PASSING_M)
-                })
-                .collect();
-            let Some(start) = densest(&free) else { break };
+            let is_free = |line: &&Line| {
+                is_usable(line) && known.iter().all(|at| distance_m(line, at) > 3.0 * PASSING_M)
+            };
+            let free: Vec<Line> = lines.iter().filter(is_free).copied().collect();
+            let Some(start) = Densest::default().find(&free) else { break };
             let climbed = self.climb(lines, &start).and_then(|top| self.judged(&top, lines, true));
             known.push(climbed.as_ref().map_or(start, |p| p.position_world_m));
             new.push(climbed);

@@ -248,16 +248,25 @@ fn push_line(packs: &mut Vec<Ends>, count: usize, line: &Line, about_world_m: &V
     pack.filled.0[lane] = 1.0;
 }
 
-/// Usable lines as rays from the world's origin.
-pub(crate) fn rays_through(lines: &[&Line]) -> Vec<Rays> {
-    let mut ends = Vec::with_capacity(lines.len().div_ceil(LANES));
-    for (count, line) in lines.iter().enumerate() {
-        push_line(&mut ends, count, line, &Vector3::zeros());
+/// Usable lines as rays from the world's origin; keeps its buffers.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RaysThrough {
+    ends: Vec<Ends>,
+    rays: Vec<Rays>,
+}
+
+impl RaysThrough {
+    /// The rays of these lines.
+    pub(crate) fn of(&mut self, lines: &[Line]) -> &[Rays] {
+        self.ends.clear();
+        self.rays.clear();
+        for (count, line) in lines.iter().enumerate() {
+            push_line(&mut self.ends, count, line, &Vector3::zeros());
+        }
+        fill_up(&mut self.ends);
+        Arch::new().dispatch(ToRays { ends: &self.ends, rays: &mut self.rays });
+        &self.rays
     }
-    fill_up(&mut ends);
-    let mut rays = Vec::with_capacity(ends.len());
-    Arch::new().dispatch(ToRays { ends: &ends, rays: &mut rays });
-    rays
 }
 
 /// Empty places repeat the pack's first line: finite numbers that count for nothing.

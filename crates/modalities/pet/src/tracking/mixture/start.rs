@@ -141,13 +141,12 @@ impl Mixture {
         self.tops.clear();
         self.tops.extend(found.iter().map(|moving| moving.top));
         let best = self.supported(looked_at)?;
-        let rivals = self.rivals();
-        if let Some(far) = rivals.iter().find(|r| self.body.distance_m(&best.pose, &r.pose) > WITHIN_REACH_M)
-        {
-            return Err(Self::ambiguous(&best, far));
-        }
         let rivals: Vec<Moving> =
-            found[1..].iter().filter(|m| rivals.iter().any(|r| r.pose == m.top.pose)).copied().collect();
+            found[1..].iter().filter(|moving| self.is_rival(&best, &moving.top)).copied().collect();
+        let is_far = |rival: &&Moving| self.body.distance_m(&best.pose, &rival.top.pose) > WITHIN_REACH_M;
+        if let Some(far) = rivals.iter().find(is_far) {
+            return Err(Self::ambiguous(&best, &far.top));
+        }
         self.end_of_stack(&found[0], &rivals, lines, last_s - middle_s)
     }
 
