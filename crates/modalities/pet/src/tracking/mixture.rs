@@ -499,13 +499,10 @@ impl Mixture {
 
     /// How fast the last windows' poses moved.
     fn recent_velocity(&self) -> Vector3<f64> {
-        let places: Vec<(f64, Vector3<f64>)> = self
-            .memory
-            .recent
-            .iter()
-            .filter_map(|(lines, pose)| Some((start::mean_time_s(lines)?, self.place_of(pose))))
-            .collect();
-        start::slope(&places)
+        let place = |(lines, pose): &(Vec<Line>, Isometry3<f64>)| {
+            Some((start::mean_time_s(lines)?, self.place_of(pose)))
+        };
+        start::slope(self.memory.recent.iter().filter_map(place))
     }
 
     /// The gain of a top over the lines that a search looks at.

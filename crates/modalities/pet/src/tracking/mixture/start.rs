@@ -48,15 +48,15 @@ pub(super) fn mean_time_s(lines: &[Line]) -> Option<f64> {
 }
 
 /// The slope of places over time by least squares; none without a spread of times.
-pub(super) fn slope(places: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
-    let n = places.len().max(1) as f64;
-    let mean_s = places.iter().map(|(t, _)| t).sum::<f64>() / n;
-    let mean_m = places.iter().map(|(_, p)| p).sum::<Vector3<f64>>() / n;
-    let spread: f64 = places.iter().map(|(t, _)| (t - mean_s).powi(2)).sum();
+pub(super) fn slope(places: impl Iterator<Item = (f64, Vector3<f64>)> + Clone) -> Vector3<f64> {
+    let n = places.clone().count().max(1) as f64;
+    let mean_s = places.clone().map(|(t, _)| t).sum::<f64>() / n;
+    let mean_m = places.clone().map(|(_, p)| p).sum::<Vector3<f64>>() / n;
+    let spread: f64 = places.clone().map(|(t, _)| (t - mean_s).powi(2)).sum();
     if spread <= 0.0 {
         return Vector3::zeros();
     }
-    places.iter().map(|(t, p)| (p - mean_m) * (t - mean_s)).sum::<Vector3<f64>>() / spread
+    places.map(|(t, p)| (p - mean_m) * (t - mean_s)).sum::<Vector3<f64>>() / spread
 }
 
 fn carried(pose: &Isometry3<f64>, by_m: &Vector3<f64>) -> Isometry3<f64> {
@@ -172,7 +172,7 @@ impl Mixture {
         let (mut pose, mut velocity) = (*found, Vector3::zeros());
         for _ in 0..ROUNDS {
             pose = self.follow(all, &pose, velocity, None)?.pose;
-            velocity = slope(&self.own_places(windows, &pose, velocity, middle_s));
+            velocity = slope(self.own_places(windows, &pose, velocity, middle_s).into_iter());
         }
         // The weights stay those of the stack as a whole.
         let of_stack = self.follow(all, &pose, velocity, None)?;
