@@ -124,13 +124,11 @@ impl Coverage {
             let ray = a.centre_m + a.along * (middle + half * node) - p;
             let r_a = ray.norm();
             let r_b = -to_b * r_a / ray.dot(&b.outward);
-            if !(r_b > 0.0) {
-                continue;
-            }
             let l = self.half_length_m;
             let low = ((a.z_m - l - z) / r_a).max((z - b.z_m - l) / r_b);
             let high = ((a.z_m + l - z) / r_a).min((z - b.z_m + l) / r_b);
-            if high > low {
+            // Behind b, or along it, nothing is seen.
+            if r_b > 0.0 && high > low {
                 sum += weight * half * to_a / (r_a * r_a) * (sine(high) - sine(low));
             }
         }

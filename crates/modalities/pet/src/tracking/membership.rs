@@ -122,7 +122,7 @@ fn one_pack<const J: usize>(r: &Rays, at: &[Three; J], share: &[Activity; J], su
     }
     let mut total = Four::splat(f64::MIN_POSITIVE);
     for of_marker in own {
-        total = total + of_marker;
+        total += of_marker;
     }
     let root = total.inverse_fifth_root();
     let root2 = root * root;
