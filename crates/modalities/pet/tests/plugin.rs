@@ -146,6 +146,28 @@ fn law_an_ambiguous_triangle_claims_no_roll() {
     assert!(found >= 4, "{found} of 8 windows have a pose");
 }
 
+/// A start from five windows hands the filter the motion, and the roll of a set of which the fix claims none.
+#[test]
+fn law_a_start_from_several_windows_hands_over_the_motion() {
+    let mut front_end = front_end("pet-triangle", "front_end = \"lines\"\nstart_windows = 5");
+    let readings = readings("pet-triangle", "", 5);
+    let (last, before) = readings.split_last().unwrap();
+    for reading in before {
+        assert!(matches!(front_end.process(reading, None).unwrap(), Outcome::Refused { .. }));
+    }
+    let Outcome::Measured(measured) = front_end.process(last, None).unwrap() else { panic!("no start") };
+    assert_eq!(measured[0].fix.as_ref().unwrap().kind, FixKind::Pointing);
+    let motion = measured[0].motion.as_ref().expect("a motion");
+    let ahead = SimTime(last.at().0 + 10_000_000);
+    let way = pose_at(ahead).translation.vector - pose_at(last.at()).translation.vector;
+    let off = motion.velocity_world_m_s - way / 0.01;
+    let velocity = motion.covariance.fixed_view::<3, 3>(6, 6).into_owned();
+    // 99.9 % quantile of chi-square with 3 degrees of freedom.
+    assert!(off.dot(&velocity.cholesky().unwrap().solve(&off)) < 16.27, "{off}");
+    let roll = motion.covariance[(3, 3)].sqrt();
+    assert!(roll > 0.0 && roll < 0.5, "{roll}");
+}
+
 fn prior(pose: Isometry3<f64>, at: SimTime) -> PosePrior {
     PosePrior {
         at,
