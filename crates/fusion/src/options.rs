@@ -44,7 +44,8 @@ pub struct EskfOptions {
     pub max_iterations: u32,
     /// Standard deviation of the velocity at the start, m/s per axis. Default 0.02: the colon's fastest movement.
     pub initial_velocity_sigma_m_s: Positive,
-    /// Standard deviation of the angular rate at the start, rad/s per axis. Default 1: what the motion model allows.
+    /// Standard deviation of the angular rate at the start, rad/s per axis. Default 1: what the motion model allows. Not looked at where a
+    /// sensor tells the motion beside its fix.
     pub initial_rate_sigma_rad_s: Positive,
 }
 

@@ -88,6 +88,9 @@ pub struct OptionsTable {
     pub most_lines: Option<u32>,
     /// Windows from which a first pose is taken together, 1 to 5 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
     pub start_windows: u32,
+    /// Standard deviation of the capsule's angular rate before a start from several windows, rad/s per axis: a filter that starts there takes
+    /// it from here, not from its own `initial_rate_sigma_rad_s`. Default 0.5.
+    pub start_rate_sigma_rad_s: Positive,
     /// How many independent points there are (`points`).
     pub points: u32,
     /// Which of them this track follows, counted from 1 in the order in which they are found: by x, then y, then z (`points`).
@@ -132,6 +135,7 @@ impl Default for OptionsTable {
             estimate_markers: false,
             most_lines: None,
             start_windows: 1,
+            start_rate_sigma_rad_s: Positive(0.5),
             points: 1,
             point: 1,
         }
@@ -158,12 +162,13 @@ pub const REALITY_SOURCES: [(&str, &str); 5] = [
 ];
 
 /// See [`INSTALLED_SOURCES`].
-pub const OPTIONS_SOURCES: [(&str, &str); 7] = [
+pub const OPTIONS_SOURCES: [(&str, &str); 8] = [
     ("front_end", "chosen: the estimator that gives a covariance"),
     ("predict_failures", "than2015, section 3.4.4: a track that is lost stays lost without it"),
     ("estimate_markers", "chosen: the markers stand where the capsule's model says"),
     ("most_lines", "chosen: no line is thrown away unseen"),
     ("start_windows", "chosen: 284 lines (than2015, table 4.2) tell a first pose"),
+    ("start_rate_sigma_rad_s", "chosen: the fastest path of than2015 turns by 0.7 rad/s"),
     ("points", "chosen: a single particle"),
     ("point", "chosen: the first that is found"),
 ];

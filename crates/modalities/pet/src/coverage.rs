@@ -22,6 +22,8 @@ const THREE_NODES: [(f64, f64); 3] =
 const ONE_NODE: [(f64, f64); 1] = [(0.0, 2.0)];
 /// A part of a chord that is seen under less than this takes one node, rad: it is wrong by a thousandth.
 const NARROW_RAD: f64 = 0.12;
+/// Pairs grow with the square of the blocks.
+const MOST_BLOCKS: usize = 512;
 /// Blocks whose axes differ by more than this are not on one ring, cosine.
 const PARALLEL: f64 = 1.0 - 1e-6;
 
@@ -72,11 +74,14 @@ impl Pair {
 }
 
 impl Coverage {
-    /// Of a scanner; one whose blocks do not share an axis is taken to cover every point alike.
+    /// Of a scanner; of one whose blocks do not share an axis, or are more than 512, nothing is told: 0 everywhere, and markers
+    /// are as bright as they are active.
     pub fn new(scanner: &Scanner) -> Self {
         let Some(first) = scanner.blocks.first() else { return Self::default() };
         let axes = [first.tangential, first.outward, first.axial];
-        if scanner.blocks.iter().any(|b| b.axial.dot(&first.axial) < PARALLEL) {
+        if scanner.blocks.len() > MOST_BLOCKS
+            || scanner.blocks.iter().any(|b| b.axial.dot(&first.axial).abs() < PARALLEL)
+        {
             return Self::default();
         }
         let flat = |v: &Vector3<f64>| Vector2::new(v.dot(&axes[0]), v.dot(&axes[1]));

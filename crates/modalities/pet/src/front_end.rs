@@ -23,6 +23,7 @@ use crate::model::{FixOfLines, LinesModel};
 use crate::payload;
 use crate::tracking::ClassicOptions;
 use crate::tracking::budget::Budget;
+use crate::tracking::climb::SharePrior;
 use crate::tracking::fcm::Fcm;
 use crate::tracking::likelihood::{Likelihood, Weights};
 use crate::tracking::mixture::{FIRST_BACKGROUND, FOLLOWED_GAIN, Mixture, MixtureOptions, TEST_EVERY};
@@ -69,6 +70,8 @@ pub struct PetFrontEnd {
     markers: MarkerSet,
     tracked: Tracked,
     lines: Vec<Line>,
+    /// Where a bed has put the scanner, by the reading's encoder, m.
+    scanner_world_m: Vector3<f64>,
     /// Most lines of a window that the filter is handed.
     most_lines: Option<usize>,
     /// Windows for which the front end has insisted on its own pose.
@@ -96,6 +99,7 @@ impl PetFrontEnd {
             markers,
             tracked: Tracked::default(),
             lines: Vec::new(),
+            scanner_world_m: Vector3::zeros(),
             most_lines: None,
             insisting: 0,
             since_order: 0,
@@ -139,6 +143,17 @@ impl PetFrontEnd {
         let mut window = Window::default();
         window.prepare(&self.lines, &self.model.noise, &how, FEWEST_LINES)?;
         Ok(LinesModel { window: Arc::new(window), ..self.model.clone() })
+    }
+
+    /// What the scanner is expected to see of each marker at a pose.
+    fn expected_shares(&self, pose: &Isometry3<f64>, shares: &mut Vec<f64>) {
+        let prior = SharePrior {
+            shares: self.model.weights.shares.clone(),
+            coverage: self.model.noise.coverage().clone(),
+            scanner_world_m: self.scanner_world_m,
+            background: FIRST_BACKGROUND,
+        };
+        prior.at(&self.model.likelihood, pose, shares);
     }
 
     /// Share of the background with the pose held fixed, by expectation-maximisation: how the lines divide where the tracker could
@@ -232,6 +247,7 @@ impl PetFrontEnd {
             model.weights = self.weights(&model.window);
         } else {
             // The tracker's shares are those of an earlier window.
+            self.expected_shares(&about, &mut model.weights.shares);
             Self::background_at(&mut model, &about);
         }
         let found = model.evaluate(&about);
@@ -343,6 +359,7 @@ fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Bo
                 test_permutations: options.predict_failures,
                 estimate_markers: options.estimate_markers,
                 start_windows: options.start_windows as usize,
+                start_rate_sigma_rad_s: options.start_rate_sigma_rad_s.0,
                 ..MixtureOptions::default()
             };
             Box::new(Mixture::new(markers, noise.clone(), mixture))
@@ -410,7 +427,8 @@ impl FrontEnd for PetFrontEnd {
         // Neither a prediction that does not know nor one that is contradicted is a place to start from.
         let hint = prior.as_ref().filter(|_| !vague && self.insisting == 0);
         let scanner = reading.known_poses.get(payload::SCANNER);
-        self.tracker.scanner_at(&scanner.map_or_else(Vector3::zeros, |pose| pose.translation.vector));
+        self.scanner_world_m = scanner.map_or_else(Vector3::zeros, |pose| pose.translation.vector);
+        self.tracker.scanner_at(&self.scanner_world_m);
         let tracked = self.tracker.track_into(&self.lines, hint, &mut self.tracked);
         Ok(match (self.output, &prior, tracked) {
             (Output::Lines, Some(prior), tracked) if !vague => self.lines_outcome(reading, prior, &tracked),

@@ -28,7 +28,7 @@ mod body;
 pub mod budget;
 pub mod centroid;
 mod classic;
-mod climb;
+pub(crate) mod climb;
 mod densest;
 pub mod estimate_markers;
 mod expected;

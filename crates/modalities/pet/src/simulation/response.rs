@@ -93,6 +93,9 @@ impl Response {
     ) -> Cell {
         let (energy, rest) = (index % ENERGIES, index / ENERGIES);
         let (angle, kind) = (rest % ANGLES, rest / ANGLES);
+        if !self.has(kind) {
+            return Cell::default();
+        }
         let (mut cell, mut accepted) = (Cell::default(), 0);
         let is_at_511 = energy == ENERGIES - 1;
         let makes_most = is_at_511 && kind == ENTRIES - 1 && angle < STEEP;
@@ -133,6 +136,12 @@ impl Response {
         }
         cell.accepted = f64::from(accepted) / photons as f64;
         cell
+    }
+
+    /// Whether the block is large enough to have a place of a kind.
+    fn has(&self, kind: usize) -> bool {
+        let nearest_m = kind.checked_sub(2).map_or(0.0, |further| EDGES_M[further / 2]);
+        self.grid.half_width_m().min(self.grid.half_length_m()) > nearest_m
     }
 
     /// A place on the face where a photon of this direction is of a kind; anywhere where the block has no such place.

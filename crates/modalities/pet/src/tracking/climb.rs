@@ -57,9 +57,9 @@ pub(crate) struct SharePrior {
 }
 
 impl SharePrior {
-    /// Shares of the lines of markers at a pose: activity times solid angle. Outside the field of view, where no marker is seen or all but
-    /// none, those of the activity.
-    fn at(&self, likelihood: &Likelihood, pose: &Isometry3<f64>, shares: &mut Vec<f64>) {
+    /// Shares of the lines of markers at a pose: activity times solid angle. Where the scanner sees
+    /// none of the markers, those of the activity.
+    pub(crate) fn at(&self, likelihood: &Likelihood, pose: &Isometry3<f64>, shares: &mut Vec<f64>) {
         shares.clear();
         for (activity, at) in self.shares.iter().zip(&likelihood.markers_capsule_m) {
             let place = pose.transform_point(&(*at).into()).coords - self.scanner_world_m;

@@ -468,8 +468,10 @@ impl Mixture {
         let margin = if is_sound { ELSEWHERE } else { BETTER };
         match found {
             Ok(top) if most > here + margin => {
-                let top = self.follow(lines, &top.pose, Vector3::zeros(), None)?;
-                Ok((top, Some(Reinitialized::LikelihoodFell)))
+                // Another place is better, whether or not this window by itself can be followed there.
+                let there = self.follow(lines, &top.pose, Vector3::zeros(), None);
+                self.memory.doubted |= there.is_err();
+                Ok((there.map_err(|failure| self.doubt(failure))?, Some(Reinitialized::LikelihoodFell)))
             }
             Err(failure @ Failure::Ambiguous { .. }) if most > here + ELSEWHERE => {
                 self.memory.doubted = true;
@@ -525,8 +527,10 @@ impl Mixture {
             }
             Err(failure) => {
                 // An empty window says nothing for or against it.
-                self.memory.doubted =
-                    matches!(failure, Failure::Ambiguous { .. } | Failure::TooFewLines { .. });
+                self.memory.doubted = matches!(
+                    failure,
+                    Failure::Ambiguous { .. } | Failure::TooFewLines { .. } | Failure::Gathering { .. }
+                );
                 Err(self.doubt(failure))
             }
         }
@@ -559,9 +563,13 @@ impl Mixture {
         let hint = prior.filter(|p| p.how != PriorUse::None);
         let near = hint.map(|p| p.world_from_capsule).or(self.memory.world_from_capsule);
         out.world_from_capsule = near.map_or(top.pose, |near| self.body.nearest_twin(&top.pose, &near));
+        out.motion.clone_from(&self.motion);
         if out.world_from_capsule != top.pose {
             let turn = out.world_from_capsule.rotation.inverse() * top.pose.rotation;
             out.covariance = turned_covariance(&out.covariance, &turn);
+            if let Some(motion) = &mut out.motion {
+                turn_motion(motion, &turn);
+            }
         }
         out.ambiguous.clear();
         out.ambiguous.extend(
@@ -579,7 +587,6 @@ impl Mixture {
         out.used_lines = self.window.len();
         out.log_likelihood = top.log_likelihood;
         out.prior_use = hint.map_or(PriorUse::None, |p| p.how);
-        out.motion.clone_from(&self.motion);
         Ok(())
     }
 
@@ -636,6 +643,16 @@ fn turned_covariance(
     jacobian * covariance * jacobian.transpose()
 }
 
+/// A motion told in capsule axes that are turned: attitude and rate as in [`turned_covariance`].
+fn turn_motion(motion: &mut MotionEstimate, turn: &nalgebra::UnitQuaternion<f64>) {
+    let matrix = turn.to_rotation_matrix().into_inner();
+    let mut jacobian = nalgebra::SMatrix::<f64, 12, 12>::identity();
+    jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&matrix);
+    jacobian.fixed_view_mut::<3, 3>(9, 9).copy_from(&matrix);
+    motion.angular_rate_capsule_rad_s = turn * motion.angular_rate_capsule_rad_s;
+    motion.covariance = jacobian * motion.covariance * jacobian.transpose();
+}
+
 impl Tracker for Mixture {
     fn name(&self) -> &'static str {
         "mixture"
@@ -675,10 +692,12 @@ impl Tracker for Mixture {
                 return Err(failure);
             }
         };
-        if matches!(
+        // What was gathered before the first pose has none.
+        let is_searched = matches!(
             out.reinitialized,
             Some(Reinitialized::FirstWindow | Reinitialized::AfterFailure | Reinitialized::LikelihoodFell)
-        ) {
+        );
+        if is_searched || !self.memory.started {
             self.memory.recent.clear();
         }
         self.roles(&out.world_from_capsule, &mut out.roles);

@@ -35,7 +35,7 @@ impl Rigid {
         let c = &mut self.classic;
         let (mut pose, why) = c.begin(lines, prior)?;
         let mut ahead = Ahead::from(&pose);
-        for _ in 0..MAX_PASSES {
+        for pass in 1..=MAX_PASSES {
             c.place(&pose);
             c.memberships();
             let before = pose;
@@ -48,7 +48,9 @@ impl Rigid {
             if c.body.markers_m.iter().all(|m| moved(m) < REST_M) {
                 break;
             }
-            pose = ahead.of(&before, &pose);
+            if pass < MAX_PASSES {
+                pose = ahead.of(&before, &pose);
+            }
         }
         // Those of the last pass, less than the rest's move away.
         c.update_shares();
@@ -79,10 +81,10 @@ impl Ahead {
         let (x, g) = (ominus(before, &self.first), ominus(behind, &self.first));
         let mut residual = g - x;
         residual.fixed_rows_mut::<3>(3).scale_mut(ARM_M);
-        let Some((last, before)) = self.last.replace((g, residual)) else { return *behind };
-        let change = residual - before;
+        let Some((last, last_residual)) = self.last.replace((g, residual)) else { return *behind };
+        let change = residual - last_residual;
         let squared = change.norm_squared();
-        if residual.norm_squared() >= before.norm_squared() || squared <= 0.0 {
+        if residual.norm_squared() >= last_residual.norm_squared() || squared <= 0.0 {
             return *behind;
         }
         let theta = (residual.dot(&change) / squared).clamp(-FURTHEST, FURTHEST);

@@ -1,6 +1,7 @@
 //! A capsule at the axial end of the scanner, where one marker is seen by twice as many pairs of crystals as the next.
 
 use super::support::{Ends, Generator, WINDOW_S, capsule, marker_errors, noise_of, scanner};
+use lumenav_pet::Line;
 use lumenav_pet::tracking::{Mixture, MixtureOptions, Tracker};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -41,4 +42,29 @@ fn law_markers_are_as_bright_as_the_scanner_sees_them() {
         assert!((c - t).abs() < 0.03, "{counted:?} {told:?}");
     }
     assert!(error_mm < 1.1, "{error_mm} mm");
+}
+
+/// A bed that has moved the scanner by some way moves what it sees by the same.
+#[test]
+fn law_a_moved_scanner_sees_what_it_saw() {
+    let (set, scanner, pose) = (capsule("pet-scalene"), scanner("reduced"), at_the_end());
+    let way = Vector3::new(0.0, 0.0, 0.15);
+    let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), set.clone(), 311);
+    let (mut here, mut moved) =
+        [(); 2].map(|()| Mixture::new(&set, noise_of(&scanner), MixtureOptions::default())).into();
+    moved.scanner_at(&way);
+    for w in 0..4 {
+        let lines = generator.window(&|_| pose, f64::from(w) * WINDOW_S, LINES, BACKGROUND).0;
+        let shifted: Vec<Line> = lines
+            .iter()
+            .map(|line| Line { ends_world_m: line.ends_world_m.map(|end| end + way), ..*line })
+            .collect();
+        let (Ok(one), Ok(other)) = (here.track(&lines, None), moved.track(&shifted, None)) else { continue };
+        for (a, b) in one.shares.iter().zip(&other.shares) {
+            assert!((a - b).abs() < 1e-6, "{:?} {:?}", one.shares, other.shares);
+        }
+        let off = other.world_from_capsule.translation.vector - one.world_from_capsule.translation.vector;
+        assert!((off - way).norm() < 1e-6, "{off}");
+    }
+    assert!(moved.memory().started);
 }

@@ -72,6 +72,20 @@ fn law_background_alone_gives_no_pose() {
     }
 }
 
+#[test]
+fn law_background_alone_gives_no_start_from_several_windows() {
+    for seed in 11..=15 {
+        let mut generator = generator(seed);
+        let options = MixtureOptions { start_windows: 5, ..MixtureOptions::default() };
+        let mut tracker = Mixture::new(&triangle(), noise_of(&scanner("reduced")), options);
+        for (w, count) in [284, 284, 284, 284, 284, 54, 54, 54, 54, 54, 54, 54].into_iter().enumerate() {
+            let (lines, _) = generator.window(&|t| helix(t, 1.0), 0.05 * w as f64, 0, count);
+            let answer = tracker.track(&lines, None);
+            assert!(answer.is_err(), "seed {seed} window {w}: {answer:?}");
+        }
+    }
+}
+
 /// The capsule is carried out of sight: a tracker that knew it well must say that it is gone, not go on claiming a place.
 #[test]
 fn law_a_known_capsule_that_leaves_is_reported_lost() {

@@ -27,8 +27,8 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, Vector3, Vect
 const ROUNDS: usize = 3;
 /// Steps of the climb in pose and motion.
 const STEPS: usize = 15;
-/// It ends where a step would gain less than this: a tenth of a standard deviation.
-const GAIN: f64 = 5e-3;
+/// It ends where the square of a step in standard deviations is less than this: a fourteenth of one.
+const SHORTEST: f64 = 5e-3;
 /// Poses whose markers are nearer than this are told by one covariance about the likeliest of them where the lines cannot tell them
 /// apart, m: about a side's half. Of others the start waits for more windows.
 const WITHIN_REACH_M: f64 = 6e-3;
@@ -125,7 +125,7 @@ impl Mixture {
     /// The pose of this window, the last of a stack, from the whole stack. Every place that a search of the stack at rest finds is a place
     /// to start from: of a capsule that moves the likeliest one at rest need not be the likeliest.
     pub(super) fn start_of_stack(&mut self, all: &[Line], lines: &[Line]) -> Result<Top, Failure> {
-        let looked_at = self.look_everywhere(all)?;
+        self.look_everywhere(all)?;
         let mut windows: Vec<Vec<Line>> = self.memory.recent.iter().map(|(lines, _)| lines.clone()).collect();
         windows.push(lines.to_vec());
         let (Some(middle_s), Some(last_s)) = (mean_time_s(all), mean_time_s(lines)) else {
@@ -138,9 +138,19 @@ impl Mixture {
             }
         }
         found.sort_by(|a, b| b.top.gain.total_cmp(&a.top.gain));
+        // Climbs that ended in one place are one place.
+        let mut places: Vec<Moving> = Vec::new();
+        for moving in found {
+            let is_new =
+                |other: &Moving| self.body.distance_m(&other.top.pose, &moving.top.pose) > super::SAME_POSE_M;
+            if places.iter().all(is_new) {
+                places.push(moving);
+            }
+        }
+        let found = places;
         self.tops.clear();
         self.tops.extend(found.iter().map(|moving| moving.top));
-        let best = self.supported(looked_at)?;
+        let best = self.supported(all.len())?;
         let rivals: Vec<Moving> =
             found[1..].iter().filter(|moving| self.is_rival(&best, &moving.top)).copied().collect();
         let is_far = |rival: &&Moving| self.body.distance_m(&best.pose, &rival.top.pose) > WITHIN_REACH_M;
@@ -218,6 +228,8 @@ impl Mixture {
             let mut way = Vector12::zeros();
             way.fixed_rows_mut::<6>(0).copy_from(&ominus(&twin, &best.top.pose));
             way.fixed_rows_mut::<3>(6).copy_from(&(rival.velocity - best.velocity));
+            let rate = twin.rotation.inverse() * (rival.top.pose.rotation * rival.rate);
+            way.fixed_rows_mut::<3>(9).copy_from(&(rate - best.rate));
             spread += way * way.transpose() * (odds(rival) / all);
         }
         spread
@@ -250,7 +262,7 @@ impl Mixture {
         let mut damping = 0.0;
         for _ in 0..STEPS {
             let step = here.step(&mut damping).ok_or(Failure::Indefinite)?;
-            if damping == 0.0 && step.dot(&here.gradient) < GAIN {
+            if damping == 0.0 && step.dot(&here.gradient) < SHORTEST {
                 here.top.converged = true;
                 break;
             }
