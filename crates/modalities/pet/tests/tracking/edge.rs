@@ -53,6 +53,7 @@ fn law_a_moved_scanner_sees_what_it_saw() {
     let (mut here, mut moved) =
         [(); 2].map(|()| Mixture::new(&set, noise_of(&scanner), MixtureOptions::default())).into();
     moved.scanner_at(&way);
+    let mut compared = 0;
     for w in 0..4 {
         let lines = generator.window(&|_| pose, f64::from(w) * WINDOW_S, LINES, BACKGROUND).0;
         let shifted: Vec<Line> = lines
@@ -65,6 +66,7 @@ fn law_a_moved_scanner_sees_what_it_saw() {
         }
         let off = other.world_from_capsule.translation.vector - one.world_from_capsule.translation.vector;
         assert!((off - way).norm() < 1e-6, "{off}");
+        compared += 1;
     }
-    assert!(moved.memory().started);
+    assert!(compared >= 3, "{compared} of 4 windows have a pose");
 }
