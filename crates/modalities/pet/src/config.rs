@@ -7,7 +7,7 @@
 use crate::markers::{Marker, MarkerSet};
 use crate::scanner::Scanner;
 use crate::simulation::{EndPoints, Isotope, Mode, Scintillator};
-use crate::tracking::mixture::STACK;
+use crate::tracking::mixture::MOST_START_WINDOWS;
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{ModalityError, Node, Setup};
@@ -86,7 +86,7 @@ pub struct OptionsTable {
     pub estimate_markers: bool,
     /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
     pub most_lines: Option<u32>,
-    /// Windows from which a first pose is taken together, 1 to 5 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
+    /// Windows from which a first pose is taken together, 1 to 8 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
     pub start_windows: u32,
     /// Standard deviation of the capsule's angular rate before a start from several windows, rad/s per axis: a filter that starts there takes
     /// it from here, not from its own `initial_rate_sigma_rad_s`. Default 0.5.
@@ -111,8 +111,8 @@ impl OptionsTable {
             let message = "only `front_end = \"mixture\"` estimates where the markers are";
             return Err(node.error_at("estimate_markers", message).into());
         }
-        if !(1..=STACK as u32).contains(&table.start_windows) {
-            let message = format!("{} windows; allowed: 1 to {STACK}", table.start_windows);
+        if !(1..=MOST_START_WINDOWS as u32).contains(&table.start_windows) {
+            let message = format!("{} windows; allowed: 1 to {MOST_START_WINDOWS}", table.start_windows);
             return Err(node.error_at("start_windows", &message).into());
         }
         if !(1..=MOST_POINTS).contains(&table.points) {

@@ -223,8 +223,6 @@ pub struct Memory {
     pub centroid_world_m: Option<Vector3<f64>>,
     /// Places of the markers in the last window, m.
     pub markers_world_m: Vec<Vector3<f64>>,
-    /// Shares of the markers.
-    pub shares: Vec<f64>,
     /// Share of background lines in the last window.
     pub background_share: Option<f64>,
     /// Share of background among the lines that pass near, over some windows (`mixture`).

@@ -7,11 +7,11 @@
 //! [`MOST_HELD`] windows wait for its first pose, and are then answered by going back from it. They are counted as answered
 //! late; what is not found by then has failed.
 
+use super::estimators::START_WINDOWS;
 use super::motion::Motion;
 use super::scoring::{Score, placed};
 use crate::ReproduceError;
 use lumenav_pet::Line;
-use lumenav_pet::tracking::mixture::STACK;
 use lumenav_pet::tracking::{Tracked, Tracker, rewind};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
@@ -57,8 +57,8 @@ pub trait Follower: Send {
     fn answer_late(&mut self, windows: &[Window<'_>]) -> Result<Vec<Option<Followed>>, ReproduceError>;
 }
 
-/// Windows before the first pose that are answered late: with the one that brought it, the five that a first pose is found on.
-pub const MOST_HELD: usize = STACK - 1;
+/// Windows before the first pose that are answered late: with the one that brought it, those that a first pose is found on.
+pub const MOST_HELD: usize = START_WINDOWS - 1;
 
 /// A tracker without a filter: it goes on from its own last pose.
 pub struct Alone {
@@ -295,7 +295,7 @@ mod tests {
         let motion = Helix { times_faster: 1.0 };
         let run = Run { motion: &motion, window_s: 0.05, first: 0, windows: 20, markers_capsule_m: TRIANGLE };
         // First pose in window `from`: how many are answered late, and how many have failed.
-        for (from, late, failed) in [(0, 0, 0), (1, 1, 0), (4, 4, 0), (5, 4, 1), (7, 4, 3), (99, 0, 20)] {
+        for (from, late, failed) in [(0, 0, 0), (1, 1, 0), (7, 7, 0), (8, 7, 1), (10, 7, 3), (99, 0, 20)] {
             let slow = SlowStart { from, rewound: false };
             let score = run.lead(&mut [Box::new(slow)], |_, _, _| Ok(())).unwrap().remove(0);
             assert_eq!((score.windows, score.answered_late, score.failed_3_mm), (20, late, failed), "{from}");

@@ -384,7 +384,6 @@ impl Classic {
         if done.is_ok() {
             self.memory.world_from_capsule = Some(out.world_from_capsule);
             self.memory.markers_world_m.clone_from(&out.markers_world_m);
-            self.memory.shares.clone_from(&out.shares);
             self.memory.background_share = Some(out.background_share);
         }
         done

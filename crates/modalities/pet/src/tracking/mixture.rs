@@ -16,13 +16,16 @@
 //! given, and no prediction looked at, until the next windows tell which. Poses that the marker set cannot tell apart are listed, and
 //! of them the nearest to the prior (or to the last pose) is the answer.
 
+mod order;
+mod place;
+mod search;
 mod start;
 
 use super::body::Body;
 use super::budget::Budget;
-use super::centroid::{Centroid, Weight};
-use super::climb::{COARSE, Climber, FINE, Limits, NormalPrior, SharePrior, Top, covariance};
-use super::densest::{Densest, distance_m};
+use super::centroid::Centroid;
+use super::climb::{Climber, FINE, Limits, NormalPrior, SharePrior, Top, covariance};
+use super::densest::Densest;
 use super::estimate_markers::MarkerEstimate;
 use super::failure::Failure;
 use super::initialize::Search;
@@ -40,20 +43,13 @@ use nalgebra::{Isometry3, Vector3};
 pub const TEST_EVERY: u64 = 10;
 /// Windows that a test or a stacked search looks at.
 pub const STACK: usize = 5;
-/// Fall of the mean log-likelihood that asks for a search, standard deviations.
-pub const FALL_SD: f64 = 4.0;
+/// Most windows that a first pose is taken from together: a capsule of 45 mm/s that turns leaves an even motion by 1 mm in so many of
+/// 50 ms, a deviation of a line.
+pub const MOST_START_WINDOWS: usize = 8;
 /// Windows whose mean log-likelihood is remembered.
 const REMEMBERED: usize = 20;
-/// Least standard deviation of the mean log-likelihood per line, times the root of the lines: the law of one line has a spread of
-/// about 1.5, so a short memory must not make it smaller.
-const LEAST_SPREAD: f64 = 1.0;
 /// Another order is taken where it explains the windows better by this: odds of twenty to one.
 const BETTER: f64 = 3.0;
-/// Another place is taken where nothing speaks against the followed one but a search that finds more, by odds of e^10: a search looks at
-/// eight attitudes about two places, and there are two a second at 20 windows a second.
-const ELSEWHERE: f64 = 10.0;
-/// A second attitude within this of the best makes a first pose ambiguous: odds of e^4.
-const AMBIGUOUS: f64 = 4.0;
 /// Poses whose markers agree within this are one, m: half of the shortest side.
 const SAME_POSE_M: f64 = 3e-3;
 /// Lines per degree of freedom that the markers must explain.
@@ -62,22 +58,11 @@ const LINES_PER_FREEDOM: usize = 2;
 /// a fifth passes within 30 mm.
 pub const FIRST_BACKGROUND: f64 = 0.1;
 /// Least gain of a pose over background alone, log-likelihood. A rule of thumb, for a mixture against background alone is not a regular
-/// test: half of what chi-square with 6 degrees of freedom exceeds once in ten thousand, and, for a search, once in 10⁹ (30³ places and 60
-/// attitudes that it can tell apart, one false alarm in a thousand searches). A true line gains 2 to 3.
+/// test: half of what chi-square with 6 degrees of freedom exceeds once in ten thousand. A true line gains 2 to 3.
 pub(crate) const FOLLOWED_GAIN: f64 = 14.0;
-const SEARCHED_GAIN: f64 = 28.0;
-/// A pose that is searched for explains at least this share of all lines, and this share of those that pass near: of 47 to 82 per cent
-/// true lines (than2015 table 4.2) nearly all pass near, of the others a fifth, so the capsule owns four of five lines there. A
-/// place where scattered lines happen to crowd does not.
-const LEAST_TRUE_SHARE: f64 = 0.2;
-const LEAST_NEAR_SHARE: f64 = 0.5;
-/// Lines that a search looks at: beyond, more of them tell attitudes apart no better than 600 of which 120 are true.
-const SEARCH_LINES: usize = 600;
 /// Lines of each window that a test of the markers' order looks at, and of the last windows together that a test of the place does: few
 /// enough for each, since a window of so many leaves no doubt.
 const TEST_LINES: usize = 300;
-/// An order that is behind by this after some windows is not looked at in the others: odds of e^20.
-const HOPELESS: f64 = 20.0;
 /// Steps of a climb from a candidate and in a test.
 const SEARCH_STEPS: u32 = 15;
 const TEST_STEPS: u32 = 6;
@@ -92,7 +77,7 @@ pub struct MixtureOptions {
     pub test_permutations: bool,
     /// Estimate where the markers are in the capsule.
     pub estimate_markers: bool,
-    /// Windows from which a first pose is taken together, 1 to [`STACK`]; a window of many lines needs no other.
+    /// Windows from which a first pose is taken together, 1 to [`MOST_START_WINDOWS`]; a window of many lines needs no other.
     pub start_windows: usize,
     /// Standard deviation of the angular rate before a first pose from several windows, rad/s per axis: the fastest path of than2015
     /// turns by 0.7 rad/s.
@@ -196,130 +181,6 @@ impl Mixture {
         6 * LINES_PER_FREEDOM
     }
 
-    /// Lines that a search looks at.
-    fn search_budget(&self) -> usize {
-        self.budget().map_or(SEARCH_LINES, |most| most.min(SEARCH_LINES))
-    }
-
-    /// The pose that explains these lines best, of all attitudes about two places: the lines' centroid, and where most lines pass. The
-    /// first needs no pair of lines to meet; the second is not drawn away where few lines are true.
-    fn find(&mut self, lines: &[Line]) -> Result<Top, Failure> {
-        let looked_at = self.look_everywhere(lines)?;
-        self.unambiguous(looked_at)
-    }
-
-    /// Fills `self.tops`, best first; how many lines were looked at.
-    fn look_everywhere(&mut self, lines: &[Line]) -> Result<usize, Failure> {
-        self.tops.clear();
-        let by_centroid = self.search(lines);
-        let mut looked_at = std::mem::take(&mut self.looked_at);
-        looked_at.clear();
-        looked_at.extend(self.window.indices.iter().map(|index| lines[*index as usize]));
-        let given = looked_at.len();
-        if let Some(place) = self.densest.find(&looked_at)
-            && !self.is_found_at(&place)
-        {
-            looked_at.retain(|line| distance_m(line, &place) < self.noise.background_radius_m);
-            // Where this finds nothing, what the centroid found is left.
-            let _ = self.search(&looked_at);
-        }
-        self.looked_at = looked_at;
-        if self.tops.is_empty() {
-            by_centroid?;
-        }
-        self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        Ok(given)
-    }
-
-    /// Whether the best top so far has its markers where most lines pass: all attitudes were tried there.
-    fn is_found_at(&self, place_world_m: &Vector3<f64>) -> bool {
-        let best = self.tops.iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
-        best.is_some_and(|top| (self.place_of(&top.pose) - place_world_m).norm() < self.body.spared_m)
-    }
-
-    /// Climbs from all candidates of a search in `self.window`; the tops are added to `self.tops`.
-    fn search(&mut self, lines: &[Line]) -> Result<(), Failure> {
-        let about = self.memory.centroid_world_m.unwrap_or_default();
-        let how = Preparation { budget: Some(self.search_budget()), ..Preparation::about(about) };
-        self.window.load(lines, &how, self.needed())?;
-        let centre = self.centroid.find(&self.window, Weight::Uniform, self.body.spared_m)?;
-        self.window.move_origin(&(about + centre));
-        self.window.shape(&self.noise);
-        self.memory.centroid_world_m = Some(self.window.origin_world_m);
-        let found = self.search.find(self.centroid.kept_rays(), &centre, &self.body.arms_m);
-        for (_, turn) in found {
-            let start = self.body.at_centroid(&self.window.origin_world_m, turn);
-            let top = self.climber.climb(
-                &self.likelihood,
-                &self.window,
-                &start,
-                &self.shares,
-                None,
-                (SEARCH_STEPS, COARSE),
-            );
-            self.tops.push(top);
-        }
-        Ok(())
-    }
-
-    /// The first pose: of this window or, where it says too little, of the last ones together.
-    fn first_pose(&mut self, lines: &[Line]) -> Result<Top, Failure> {
-        // A capsule that was lost is wanted back at once: where it was looked for before, one window has to do.
-        let is_start = !self.memory.started;
-        let needed = if is_start { self.options.start_windows.min(STACK) } else { 1 };
-        let have = self.memory.recent.len() + 1;
-        if have < needed {
-            return Err(Failure::Gathering { have, needed });
-        }
-        self.stack.clear();
-        for (recent, _) in &self.memory.recent {
-            self.stack.extend_from_slice(recent);
-        }
-        self.stack.extend_from_slice(lines);
-        let stack = std::mem::take(&mut self.stack);
-        let found = if needed > 1 { self.start_of_stack(&stack, lines) } else { self.find(&stack) };
-        self.stack = stack;
-        let found = found?;
-        if needed > 1 {
-            return Ok(found);
-        }
-        // The stack told the attitude; the pose is this window's.
-        self.follow(lines, &found.pose, Vector3::zeros(), None)
-    }
-
-    /// The best top of a search that looked at `given` lines, if it explains enough of them, and no other place does nearly as well.
-    fn unambiguous(&self, given: usize) -> Result<Top, Failure> {
-        let best = self.supported(given)?;
-        match self.tops[1..].iter().find(|top| self.is_rival(&best, top)) {
-            Some(rival) => Err(Self::ambiguous(&best, rival)),
-            None => Ok(best),
-        }
-    }
-
-    /// Whether a top is another pose than the best and explains the lines nearly as well.
-    fn is_rival(&self, best: &Top, top: &Top) -> bool {
-        self.body.distance_m(&best.pose, &top.pose) > SAME_POSE_M && best.gain - top.gain < AMBIGUOUS
-    }
-
-    fn ambiguous(best: &Top, rival: &Top) -> Failure {
-        Failure::Ambiguous { poses: vec![best.pose, rival.pose], difference: rival.gain - best.gain }
-    }
-
-    /// The best top of a search that looked at `given` lines, if it explains enough of them.
-    fn supported(&self, given: usize) -> Result<Top, Failure> {
-        let Some(best) = self.tops.first() else { return Err(Failure::Indefinite) };
-        let share = (LEAST_TRUE_SHARE * given as f64).max(LEAST_NEAR_SHARE * best.near as f64);
-        let needed = self.needed().max(share.ceil() as usize);
-        if !(best.effective_lines >= needed as f64) {
-            let background = 100.0 * (1.0 - best.effective_lines / given.max(1) as f64);
-            return Err(Failure::Background { effective: best.effective_lines, background, needed });
-        }
-        if !(best.gain >= SEARCHED_GAIN) {
-            return Err(Failure::NoEvidence { gain: best.gain, needed: SEARCHED_GAIN });
-        }
-        Ok(*best)
-    }
-
     fn place_of(&self, pose: &Isometry3<f64>) -> Vector3<f64> {
         pose.transform_point(&self.body.centroid_m.into()).coords
     }
@@ -344,58 +205,10 @@ impl Mixture {
         Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, (FULL_STEPS, FINE)))
     }
 
-    /// Whether place and order are to be tested in this window.
-    fn is_test_due(&self) -> bool {
-        let due = self.memory.windows % TEST_EVERY == TEST_EVERY - 1 && self.memory.recent.len() == STACK;
-        self.options.test_permutations && due
-    }
-
-    /// Whether the log-likelihood per line fell out of what the last windows had.
-    fn fell(&self, top: &Top) -> bool {
-        let known = &self.memory.mean_log_likelihoods;
-        if known.len() < STACK {
-            return false;
-        }
-        let mean = known.iter().sum::<f64>() / known.len() as f64;
-        let variance = known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (known.len() - 1) as f64;
-        let lines = self.window.len().max(1) as f64;
-        let sd = variance.sqrt().max(LEAST_SPREAD / lines.sqrt());
-        top.gain / lines < mean - FALL_SD * sd
-    }
-
-    /// Climbs the last windows again from every other order of the markers; the turn that explains them better, if one does.
-    fn better_order(&mut self) -> Option<nalgebra::Rotation3<f64>> {
-        let mut here = 0.0;
-        let mut orders = std::mem::take(&mut self.orders);
-        orders.clear();
-        orders.extend((0..self.body.permutations.len()).map(|turn| (0.0, turn)));
-        for at in 0..self.memory.recent.len() {
-            let (lines, pose) = &self.memory.recent[at];
-            let about = Preparation::about(pose.transform_point(&self.body.centroid_m.into()).coords);
-            let how = Preparation { budget: Some(TEST_LINES), ..about };
-            if self.other.prepare(lines, &self.noise, &how, 1).is_err() {
-                continue;
-            }
-            let mut climb = |start: &Isometry3<f64>| {
-                self.climber
-                    .climb(&self.likelihood, &self.other, start, &self.shares, None, (TEST_STEPS, COARSE))
-                    .objective
-            };
-            here += climb(pose);
-            for (sum, turn) in &mut orders {
-                *sum += climb(&self.body.turned(pose, &self.body.permutations[*turn]));
-            }
-            orders.retain(|(sum, _)| *sum > here - HOPELESS);
-        }
-        let best = orders.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0));
-        self.orders = orders;
-        let (best, turn) = best?;
-        (best - here > BETTER).then(|| self.body.permutations[turn])
-    }
-
     fn remember(&mut self, lines: &[Line], pose: &Isometry3<f64>) {
+        let most = if self.memory.started { STACK } else { self.options.start_windows.max(STACK) };
         let recent = &mut self.memory.recent;
-        if recent.len() >= STACK {
+        if recent.len() >= most {
             recent.rotate_left(1);
             if let Some((kept, at)) = recent.last_mut() {
                 kept.clear();
@@ -436,108 +249,6 @@ impl Mixture {
             return Ok((top, None));
         }
         self.relocalize(lines, (&top, is_sound), &start, velocity, contained.as_ref())
-    }
-
-    /// A search beside the pose that was followed; what was found is taken where it gains more by a margin. Where that is ambiguous, the
-    /// followed pose is doubted: it is not the answer, nor is a prediction looked at until a search has told.
-    fn relocalize(
-        &mut self,
-        lines: &[Line],
-        (followed, is_sound): (&Top, bool),
-        start: &Isometry3<f64>,
-        velocity_world_m_s: Vector3<f64>,
-        contained: Option<&NormalPrior>,
-    ) -> Result<(Top, Option<Reinitialized>), Failure> {
-        // A pose that held so far is tested on the last windows together; one that just broke, on this window alone.
-        let is_moving = velocity_world_m_s != Vector3::zeros();
-        let along = if is_moving { velocity_world_m_s } else { self.recent_velocity() };
-        let mut stack = std::mem::take(&mut self.stack);
-        if is_sound {
-            self.carry_stack(lines, along, &mut stack);
-        }
-        let tested = if is_sound { &stack[..] } else { lines };
-        let found = self.find(tested);
-        // Of a sound pose only another place is looked for: the same one, a little better without a velocity, is none.
-        let most = self
-            .tops
-            .first()
-            .filter(|top| !is_sound || self.body.distance_m(&top.pose, &followed.pose) > SAME_POSE_M);
-        let most = most.map_or(f64::NEG_INFINITY, |top| top.gain);
-        let here = self.gain_in_search(tested, followed);
-        self.stack = stack;
-        let margin = if is_sound { ELSEWHERE } else { BETTER };
-        match found {
-            Ok(top) if most > here + margin => {
-                // Another place is better, whether or not this window by itself can be followed there.
-                let there = self.follow(lines, &top.pose, Vector3::zeros(), None);
-                self.memory.doubted |= there.is_err();
-                Ok((there.map_err(|failure| self.doubt(failure))?, Some(Reinitialized::LikelihoodFell)))
-            }
-            Err(failure @ Failure::Ambiguous { .. }) if most > here + ELSEWHERE => {
-                self.memory.doubted = true;
-                Err(self.doubt(failure))
-            }
-            _ => Ok((self.follow(lines, start, velocity_world_m_s, contained)?, None)),
-        }
-    }
-
-    /// This window's lines behind those of as many earlier ones as come to [`TEST_LINES`] with it, which are carried along the capsule's
-    /// velocity to this window's middle.
-    fn carry_stack(&self, lines: &[Line], velocity_world_m_s: Vector3<f64>, stack: &mut Vec<Line>) {
-        stack.clear();
-        let mut room = TEST_LINES.saturating_sub(lines.len());
-        if let Some(now_s) = start::mean_time_s(lines) {
-            for (recent, _) in self.memory.recent.iter().rev() {
-                let Some(left) = room.checked_sub(recent.len()) else { break };
-                room = left;
-                stack.extend(recent.iter().map(|line| {
-                    let way = velocity_world_m_s * (now_s - line.t_s);
-                    Line { ends_world_m: line.ends_world_m.map(|end| end + way), ..*line }
-                }));
-            }
-        }
-        stack.extend_from_slice(lines);
-    }
-
-    /// How fast the last windows' poses moved.
-    fn recent_velocity(&self) -> Vector3<f64> {
-        let place = |(lines, pose): &(Vec<Line>, Isometry3<f64>)| {
-            Some((start::mean_time_s(lines)?, self.place_of(pose)))
-        };
-        start::slope(self.memory.recent.iter().filter_map(place))
-    }
-
-    /// The gain of a top over the lines that a search looks at.
-    fn gain_in_search(&mut self, lines: &[Line], top: &Top) -> f64 {
-        let about = Preparation::about(self.place_of(&top.pose));
-        let how = Preparation { budget: Some(self.search_budget()), ..about };
-        if self.other.prepare(lines, &self.noise, &how, self.needed()).is_err() {
-            return f64::NEG_INFINITY;
-        }
-        let climber = &mut self.climber;
-        climber.climb(&self.likelihood, &self.other, &top.pose, &self.shares, None, (TEST_STEPS, COARSE)).gain
-    }
-
-    /// A search in place of a pose that is doubted. The doubt ends where a search finds one pose, or no sign of another.
-    fn resolve_doubt(&mut self, lines: &[Line]) -> Result<(Top, Option<Reinitialized>), Failure> {
-        match self.first_pose(lines) {
-            Ok(top) => {
-                self.memory.doubted = false;
-                Ok((top, Some(Reinitialized::LikelihoodFell)))
-            }
-            Err(failure) => {
-                // An empty window says nothing for or against it.
-                self.memory.doubted = matches!(
-                    failure,
-                    Failure::Ambiguous { .. } | Failure::TooFewLines { .. } | Failure::Gathering { .. }
-                );
-                Err(self.doubt(failure))
-            }
-        }
-    }
-
-    fn doubt(&self, failure: Failure) -> Failure {
-        if self.memory.doubted { Failure::Doubted { why: Box::new(failure) } } else { failure }
     }
 
     /// Checks that a pose is one, and writes it.
@@ -619,7 +330,6 @@ impl Mixture {
         self.memory.background_near = Some(self.shares.background);
         self.memory.background_share = Some(out.background_share);
         self.memory.started = true;
-        self.memory.shares.clone_from(&self.climber.weights.shares);
         self.memory.centroid_world_m = Some(self.place_of(&out.world_from_capsule));
         self.memory.markers_world_m.clone_from(&out.markers_world_m);
         self.memory.world_from_capsule = Some(out.world_from_capsule);
@@ -745,26 +455,5 @@ impl Mixture {
         if !searching {
             self.memory.mean_log_likelihoods.clear();
         }
-    }
-
-    /// Takes another order of the markers where the last windows ask for it: this window is answered anew.
-    fn test_order(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) {
-        let Some(turn) = self.better_order() else { return };
-        let start = self.body.turned(&out.world_from_capsule, &turn);
-        let Ok(top) = self.follow(lines, &start, Vector3::zeros(), None) else { return };
-        // The prior is of the wrong order: it must not pull the answer back, nor choose between twins.
-        let free = prior.map(|p| Prior { how: PriorUse::None, ..*p });
-        let mut anew = out.clone();
-        if self.answer(&top, free.as_ref(), &mut anew).is_err() {
-            return;
-        }
-        *out = anew;
-        out.reinitialized = Some(Reinitialized::Permutation);
-        self.roles(&out.world_from_capsule, &mut out.roles);
-        for (_, pose) in &mut self.memory.recent {
-            *pose = self.body.turned(pose, &turn);
-        }
-        self.memory.world_from_capsule = Some(out.world_from_capsule);
-        self.memory.markers_world_m.clone_from(&out.markers_world_m);
     }
 }
