@@ -10,6 +10,8 @@ mod bad_input;
 mod determinism;
 // What a user does: run, replay, explain, export, view.
 mod journeys;
+// Layouts are judged, improved, compared.
+mod layout;
 // What late readings did is told.
 mod late;
 // The shipped recording is what its command makes.

@@ -61,6 +61,12 @@ impl Run {
         self
     }
 
+    /// Several more arguments.
+    pub fn args_of(mut self, arguments: &[&str]) -> Self {
+        self.command.args(arguments);
+        self
+    }
+
     /// Runs it, whatever comes of it.
     pub fn output(mut self) -> Output {
         self.command.output().expect("the program starts")

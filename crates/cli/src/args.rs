@@ -109,6 +109,15 @@ pub enum Command {
   lumenav new scenario mine.toml --from colon-magnetic"
     )]
     New(NewCommand),
+    /// Judge the layout of a sensor before it is built, find a better one, set several side by side.
+    #[command(
+        subcommand,
+        after_help = "Examples:
+  lumenav layout evaluate scenarios/torso-belt-study.toml
+  lumenav layout optimize scenarios/torso-belt-study.toml --out out/belt
+  lumenav layout compare scenarios/torso-belt-study.toml"
+    )]
+    Layout(LayoutCommand),
     /// Write truth and tracks of a run as TUM, CSV, Parquet, KITTI or MCAP.
     #[command(after_help = "Example:
   lumenav export out/helix-magnetic-1 --format kitti --out exported")]
@@ -365,6 +374,42 @@ pub enum NewCommand {
         #[arg(long)]
         models: Option<PathBuf>,
     },
+}
+
+/// What to do with a layout.
+#[derive(Debug, Subcommand)]
+pub enum LayoutCommand {
+    /// Map the bound over the workspace: criteria, share below the wanted error, what is left when sensors die.
+    Evaluate(LayoutOptions),
+    /// Find a layout: choose from candidates, or move the installed sensors; writes a sensor array that `run` takes as it is.
+    Optimize(LayoutOptions),
+    /// Set the scenario's layout and its alternatives side by side: cost against accuracy.
+    Compare(LayoutOptions),
+}
+
+/// Options of `layout`.
+#[derive(Clone, Debug, Args)]
+pub struct LayoutOptions {
+    /// A scenario with a `[layout]`.
+    pub scenario: PathBuf,
+    /// Folder to write; default out/layout/<scenario>.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace a value of the scenario: table.key=value; entries of arrays by name or number.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Threads; default all. The result is the same for any number.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
+    /// Folder of models; default: `models` beside or above the scenario.
+    #[arg(long)]
+    pub models: Option<PathBuf>,
 }
 
 /// Options of `export`.

@@ -3,6 +3,7 @@
 pub mod dose;
 pub mod explain;
 pub mod export;
+pub mod layout;
 pub mod models;
 pub mod new;
 pub mod replay;

@@ -17,9 +17,11 @@ mod output;
 mod args;
 mod commands;
 mod exit;
+mod files;
 mod progress;
 mod provenance;
 mod table;
+mod threads;
 
 pub use lumenav;
 
@@ -54,6 +56,7 @@ fn obey(arguments: &Arguments, registry: &Registry) -> anyhow::Result<()> {
         Command::Models(what) => commands::models::models(what),
         Command::Plugins(options) => commands::models::plugins(options, registry),
         Command::New(what) => commands::new::new(what, registry, verbosity),
+        Command::Layout(what) => commands::layout::layout(what, registry, verbosity),
         Command::Export(options) => commands::export::export(options, verbosity),
         Command::Dose(options) => commands::dose::dose(options),
         Command::View(options) => commands::view::view(options),

@@ -8,6 +8,7 @@
 //! - what a sensor hands over ([`Reading`], a [`Frame`] of columns) and what truth looks like ([`TruthView`]),
 //! - what an estimator makes of it ([`Measurement`], [`MeasurementModel`], [`Linearization`], [`StateView`]),
 //! - the traits a plugin implements ([`Modality`], [`Sensor`], [`FrontEnd`]) and the [`Registry`] that finds it,
+//! - what a layout of a sensor would say before it is built ([`LayoutModel`]), and work cut into jobs ([`Executor`]),
 //! - named random streams ([`RandomStreams`]), configuration that knows file and line ([`Node`]),
 //! - what a plugin draws ([`Primitive`]) and the [`laws`] every plugin is tested against.
 //!
@@ -19,7 +20,9 @@ pub mod control;
 pub mod fix;
 pub mod frame;
 pub mod front_end;
+pub mod jobs;
 pub mod laws;
+pub mod layout;
 pub mod measurement;
 pub mod modality;
 pub mod motion;
@@ -40,6 +43,8 @@ pub use control::{Command, Controller, PublishedEstimate};
 pub use fix::{FixKind, MotionEstimate, PoseEstimate};
 pub use frame::{Column, ColumnSpec, Frame, FrameError, Reading, Rows, Schema};
 pub use front_end::{Estimator, FrontEnd, MotionInput, MotionSample, Outcome, PosePrior};
+pub use jobs::{Executor, OneAfterAnother};
+pub use layout::{LayoutElement, LayoutModel, LayoutParameters, LayoutWorker};
 pub use measurement::{
     BlockSpec, Instant, Linearization, Measurement, MeasurementModel, Noise, Part, PriorUse, StateView,
 };

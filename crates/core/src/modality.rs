@@ -3,6 +3,7 @@
 use crate::config::{ConfigError, Node};
 use crate::frame::Reading;
 use crate::front_end::Estimator;
+use crate::layout::LayoutModel;
 use crate::sensor::Sensor;
 use crate::setup::Setup;
 use std::collections::BTreeMap;
@@ -106,6 +107,19 @@ pub trait Modality: Send + Sync {
     /// # Errors
     /// [`ModalityError`] with file, line and key.
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError>;
+
+    /// The sensor as a layout, for `lumenav layout`; `options` is the scenario's `[layout.model]`.
+    ///
+    /// # Errors
+    /// [`ModalityError`] with file, line and key, or where the modality has no layouts.
+    fn layout(
+        &self,
+        _installed: &Node,
+        _options: &Node,
+        _setup: &Setup,
+    ) -> Result<Box<dyn LayoutModel>, ModalityError> {
+        Err(ModalityError::Unsupported { kind: self.kind(), what: "has no layouts yet" })
+    }
 
     /// Recorded readings for `lumenav replay`; `files` is the table that names them.
     ///

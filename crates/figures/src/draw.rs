@@ -16,8 +16,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 /// Canvas units per CSS pixel.
 const UNITS: i32 = 8;
 /// Heights of text, CSS pixels: 8 and 7.5 point at 96 pixels per inch are what papers print in figures.
-const TEXT: f64 = 11.0;
-const TICK_TEXT: f64 = 10.0;
+pub(crate) const TEXT: f64 = 11.0;
+pub(crate) const TICK_TEXT: f64 = 10.0;
 /// plotters writes a font's height divided by this into the SVG.
 const FONT_FACTOR: f64 = 1.24;
 const FAMILY: &str = "Helvetica, Arial, Liberation Sans, sans-serif";
@@ -31,10 +31,10 @@ const SAMPLE_ROOM: f64 = 30.0;
 const BARS_FILL: f64 = 0.8;
 
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Ready, Ready>>;
-type Area<'b> = DrawingArea<SVGBackend<'b>, Shift>;
-type Drawn = Result<(), FigureError>;
+pub(crate) type Area<'b> = DrawingArea<SVGBackend<'b>, Shift>;
+pub(crate) type Drawn = Result<(), FigureError>;
 
-fn failed<E: std::fmt::Display>(error: E) -> FigureError {
+pub(crate) fn failed<E: std::fmt::Display>(error: E) -> FigureError {
     FigureError::Drawing(error.to_string())
 }
 
@@ -43,7 +43,7 @@ pub(crate) fn units(pixels: f64) -> i32 {
     (pixels * f64::from(UNITS)).round() as i32
 }
 
-fn text_style<'a>(pixels: f64, anchor: Pos) -> TextStyle<'a> {
+pub(crate) fn text_style<'a>(pixels: f64, anchor: Pos) -> TextStyle<'a> {
     let size = pixels * f64::from(UNITS) * FONT_FACTOR;
     TextStyle::from((FAMILY, size).into_font()).color(&BLACK).pos(anchor)
 }
@@ -53,7 +53,7 @@ fn colour(style: Style) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-fn stroke(colour: RGBColor, pixels: f64) -> ShapeStyle {
+pub(crate) fn stroke(colour: RGBColor, pixels: f64) -> ShapeStyle {
     ShapeStyle { color: colour.to_rgba(), filled: false, stroke_width: units(pixels) as u32 }
 }
 
@@ -70,11 +70,7 @@ pub(crate) fn svg(figure: &Figure) -> Result<String, FigureError> {
     let row_height = TEXT * 1.6;
     let legend_height = (f64::from(legend_rows) * row_height).ceil() as i32 + i32::from(legend_rows > 0) * 4;
     let height = panel_height * rows as i32 + legend_height;
-    let mut text = String::new();
-    {
-        let size = ((width * UNITS) as u32, (height * UNITS) as u32);
-        let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
-        root.fill(&WHITE).map_err(failed)?;
+    finish([width, height], |root| {
         let (head, body) = root.split_vertically(legend_height * UNITS);
         for entry in &entries {
             draw_entry(&head, entry, row_height)?;
@@ -82,9 +78,23 @@ pub(crate) fn svg(figure: &Figure) -> Result<String, FigureError> {
         for (k, (area, panel)) in body.split_evenly((rows, columns)).iter().zip(&figure.panels).enumerate() {
             draw_panel(area, panel, k + 1)?;
         }
+        Ok(())
+    })
+}
+
+/// The SVG of so many CSS pixels that `draw` fills: shown at its size, drawn finer.
+pub(crate) fn finish(
+    [width, height]: [i32; 2],
+    draw: impl FnOnce(&Area<'_>) -> Drawn,
+) -> Result<String, FigureError> {
+    let mut text = String::new();
+    {
+        let size = ((width * UNITS) as u32, (height * UNITS) as u32);
+        let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        root.fill(&WHITE).map_err(failed)?;
+        draw(&root)?;
         root.present().map_err(failed)?;
     }
-    // Shown at its size, drawn finer.
     let drawn = format!("<svg width=\"{}\" height=\"{}\" ", width * UNITS, height * UNITS);
     let shown = format!("<svg width=\"{width}\" height=\"{height}\" ");
     Ok(text.replacen(&drawn, &shown, 1))
@@ -181,7 +191,7 @@ fn draw_bars(
 }
 
 /// The edge of a rectangle; plotters' own has no width.
-fn outline<T: Copy>(corners: [(T, T); 2], line: ShapeStyle) -> PathElement<(T, T)> {
+pub(crate) fn outline<T: Copy>(corners: [(T, T); 2], line: ShapeStyle) -> PathElement<(T, T)> {
     let [(left, foot), (right, top)] = corners;
     PathElement::new(vec![(left, foot), (left, top), (right, top), (right, foot), (left, foot)], line)
 }

@@ -16,15 +16,17 @@
 //! ```
 //!
 //! The bytes depend on the figure alone: no clock, no random number, no installed font (text stays text, the viewer sets it).
-//! Numbers that are not finite, or not positive on a logarithmic axis, leave a gap in a curve. Not covered: 3-D, contours, maps.
+//! Numbers that are not finite, or not positive on a logarithmic axis, leave a gap in a curve. [`Maps`] are numbers over a plane in colours. Not covered: 3-D, contours.
 
 mod draw;
 mod figure;
 mod legend;
+mod map;
 mod symbol;
 mod ticks;
 
 pub use figure::{Axis, Dash, Figure, Kind, Panel, Point, Scale, Series, Style, Symbol};
+pub use map::{Map, Maps};
 
 /// What keeps a figure from being drawn.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -26,6 +26,7 @@ pub use lumenav_fields as fields;
 #[cfg(feature = "reproduce")]
 pub use lumenav_figures as figures;
 pub use lumenav_fusion as fusion;
+pub use lumenav_layout as layouts;
 pub use lumenav_magnetic as magnetic;
 pub use lumenav_pet as pet;
 pub use lumenav_pipeline as pipeline;
@@ -38,11 +39,14 @@ pub use lumenav_report as report;
 pub use lumenav_reproduce as reproduce;
 pub use lumenav_scenario as scenario;
 
+mod layout;
 mod replay;
 
+pub use layout::{OpenedLayout, open_layout};
 pub use replay::{ReferenceTrajectory, TruthFileTable, open_replay};
 
 use lumenav_core::{ModelFolder, Node, Registry};
+use lumenav_layout::LayoutError;
 use lumenav_pipeline::Stage;
 use lumenav_scenario::{ScenarioError, ScenarioFile};
 use std::path::{Path, PathBuf};
@@ -104,5 +108,12 @@ pub fn check(file: &ScenarioFile, registry: &Registry) -> Result<(), lumenav_pip
     let stage = stage(file, file.scenario.seed, 0)?;
     let mut sensors = lumenav_pipeline::build::sensors(file, registry, stage.map.as_ref())?;
     lumenav_pipeline::build::tracks(file, registry, stage.map.as_ref())?;
-    lumenav_pipeline::build::check_controllers(file, &mut sensors)
+    lumenav_pipeline::build::check_controllers(file, &mut sensors)?;
+    match open_layout(file, registry) {
+        Ok(_) => Ok(()),
+        Err(LayoutError::Config(error)) => Err((*error).into()),
+        Err(LayoutError::Modality(error)) => Err(error.into()),
+        // What can only be found by searching is not searched for here.
+        Err(LayoutError::Dependent | LayoutError::Impossible(_) | LayoutError::Stopped) => Ok(()),
+    }
 }

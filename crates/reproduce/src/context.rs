@@ -5,6 +5,7 @@
 
 use crate::ReproduceError;
 use lumenav_core::ModelFolder;
+pub use lumenav_core::{Executor, OneAfterAnother};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -24,22 +25,6 @@ impl Size {
             Self::Full => full,
             Self::Quick => quick,
         }
-    }
-}
-
-/// Does jobs, in any order and on any number of threads.
-pub trait Executor: Sync {
-    /// Calls `job` once with each of 0 to `count - 1` and comes back when all are done.
-    fn for_each(&self, count: usize, job: &(dyn Fn(usize) + Sync));
-}
-
-/// One job after another on the calling thread.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct OneAfterAnother;
-
-impl Executor for OneAfterAnother {
-    fn for_each(&self, count: usize, job: &(dyn Fn(usize) + Sync)) {
-        (0..count).for_each(job);
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Tables: `[scenario]`, `[tract]`, `[capsule]`, `[motility]`, `[engine]`, `[truth]`, `[[sensor]]` (with `.schedule`,
 //! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[controller]]` (with `.law`),
-//! `[[fault]]`, `[record]`, `[expect]`, `[[period]]`.
+//! `[[fault]]`, `[record]`, `[expect]`, `[[period]]`, `[layout]`.
 //! Every key has a default that makes sense, unknown keys are errors, and every error names file, line, key and what is
 //! allowed. The same reader serves replays: there `[[sensor]]` has `.files` instead of a schedule.
 
@@ -412,6 +412,9 @@ struct Outline {
     _expect: Option<IgnoredAny>,
     #[serde(rename = "period")]
     _period: Option<IgnoredAny>,
+    // Read by whoever designs layouts; a run has no use for it.
+    #[serde(rename = "layout")]
+    _layout: Option<IgnoredAny>,
 }
 
 impl ScenarioFile {

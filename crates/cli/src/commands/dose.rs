@@ -5,6 +5,7 @@
 //! for every place: nothing between source and wall, and water between them.
 
 use crate::args::DoseOptions;
+use crate::files;
 use anyhow::{Context as _, bail};
 use comfy_table::CellAlignment;
 use lumenav::anatomy::Tract;
@@ -183,11 +184,7 @@ fn say(report: &Report) -> anyhow::Result<()> {
 }
 
 fn write(out: &Path, force: bool, bound: &[WallPoint], behind: &[WallPoint]) -> anyhow::Result<()> {
-    let files = [out.join("dose.csv"), out.join("dose.svg")];
-    if let Some(there) = files.iter().find(|path| path.exists() && !force) {
-        bail!("{} exists already; --force replaces it", there.display());
-    }
-    std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    files::check_free(out, &["dose.csv", "dose.svg"], force)?;
     let row = |(b, w): (&WallPoint, &WallPoint)| {
         format!("{},{},{},{},{}", b.arc_length_m, b.mean_sv, b.largest_sv, w.mean_sv, w.largest_sv)
     };
@@ -202,13 +199,6 @@ fn write(out: &Path, force: bool, bound: &[WallPoint], behind: &[WallPoint]) -> 
             .with(Series::ours(0, "nothing between").line(0).points(&curve(bound)))
             .with(Series::ours(1, "water between").line(1).points(&curve(behind)));
     let svg = Figure::of(panel).to_svg()?;
-    for (path, text) in files.iter().zip([csv, svg]) {
-        let part = path.with_extension("part");
-        let written = std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path));
-        if written.is_err() {
-            std::fs::remove_file(&part).ok();
-        }
-        written.with_context(|| format!("cannot write {}", path.display()))?;
-    }
+    files::write(out, &[("dose.csv", csv), ("dose.svg", svg)])?;
     Ok(())
 }

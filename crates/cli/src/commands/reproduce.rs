@@ -3,22 +3,13 @@
 use super::run::stop_on_ctrl_c;
 use crate::args::{ReproduceOptions, Verbosity};
 use crate::table;
+use crate::threads::Threads;
 use comfy_table::presets;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use lumenav::reproduce::{Context, Executor, Progress, Size, all, check_free, find};
-use rayon::prelude::*;
+use lumenav::reproduce::{Context, Progress, Size, all, check_free, find};
 use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-
-/// Jobs on rayon's threads.
-struct Threads(rayon::ThreadPool);
-
-impl Executor for Threads {
-    fn for_each(&self, count: usize, job: &(dyn Fn(usize) + Sync)) {
-        self.0.install(|| (0..count).into_par_iter().with_max_len(1).for_each(job));
-    }
-}
 
 /// Lists reproductions, or runs one.
 pub fn reproduce(options: &ReproduceOptions, verbosity: Verbosity) -> anyhow::Result<()> {
@@ -30,7 +21,7 @@ pub fn reproduce(options: &ReproduceOptions, verbosity: Verbosity) -> anyhow::Re
     let asked = options.seed.map_or_else(|| options.seeds.clone(), |seed| vec![seed]);
     let seeds = reproduction.seeds((!asked.is_empty()).then_some(&asked), size);
     let models = lumenav::models_folder(options.models.as_deref(), Path::new("reproduce"));
-    let threads = Threads(rayon::ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?);
+    let threads = Threads::new(options.threads)?;
     let stop = stop_on_ctrl_c();
     let stopped = || stop.load(Ordering::Relaxed);
     let bar = bar(verbosity);

@@ -6,6 +6,7 @@
 //! | physics | [`channels`] (flux and derivatives), [`solver`] (maximum likelihood), [`bound`] (Cramér-Rao) |
 //! |---|---|
 //! | world | [`sensor`] (noise, flaws, ambient field, disturbances, saturation, quantisation) |
+//! | design | [`layout`] (what each sensor would say before it is built) |
 //! | estimator | [`front_end`] (`pose`, `flux`), [`model`] (raw readings for the filter) |
 //! | files | [`mod@array`], [`config`], [`reader`] |
 //!
@@ -17,6 +18,7 @@ pub mod bound;
 pub mod channels;
 pub mod config;
 pub mod front_end;
+pub mod layout;
 pub mod model;
 pub mod reader;
 pub mod sensor;
@@ -24,7 +26,8 @@ pub mod solver;
 
 use config::{Installed, OPTIONS_SOURCES, OptionsTable, REALITY_SOURCES, RealityTable};
 use front_end::MagneticFrontEnd;
-use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
+use layout::ArrayLayout;
+use lumenav_core::{Estimator, LayoutModel, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
 use sensor::MagneticSensor;
 
 /// The plugin.
@@ -72,6 +75,15 @@ impl Modality for Magnetic {
         let opened = Installed::from_node(installed, setup)?;
         let table: OptionsTable = options.parse_sourced(&OPTIONS_SOURCES)?;
         Ok(Estimator::of_front_end(MagneticFrontEnd::new(setup.sensor.clone(), &opened, &table)))
+    }
+
+    fn layout(
+        &self,
+        installed: &Node,
+        options: &Node,
+        setup: &Setup,
+    ) -> Result<Box<dyn LayoutModel>, ModalityError> {
+        Ok(Box::new(ArrayLayout::from_nodes(installed, options, setup)?))
     }
 
     fn reader(&self, installed: &Node, files: &Node, setup: &Setup) -> Result<ReadingStream, ModalityError> {

@@ -1,0 +1,90 @@
+//! The map of a layout as CSV and SVG.
+
+use lumenav::core::LayoutElement;
+use lumenav::figures::{Axis, Figure, Map, Maps, Panel, Scale, Series};
+use lumenav::layouts::{Evaluation, Workspace};
+use std::fmt::Write as _;
+
+/// A row per pose; an infinite bound leaves its fields empty.
+pub(super) fn csv(workspace: &Workspace, evaluation: &Evaluation) -> String {
+    let mut text =
+        "x_m,y_m,z_m,axis_x,axis_y,axis_z,error_m,sigma_x_m,sigma_y_m,sigma_z_m,angle_rad\n".to_owned();
+    for (i, bound) in evaluation.bounds.iter().enumerate() {
+        let (at, along) = (i / workspace.directions.len(), i % workspace.directions.len());
+        let (p, u) = (workspace.positions_m[at], workspace.directions[along]);
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{},{},{},{},{},{}", p.x, p.y, p.z, u.x, u.y, u.z);
+        let _ = match bound {
+            Some(b) => {
+                let s = b.position_m2.diagonal().map(|v| v.max(0.0).sqrt());
+                writeln!(text, ",{},{},{},{},{}", b.position_m(), s.x, s.y, s.z, b.angle_rad)
+            }
+            None => writeln!(text, ",,,,,"),
+        };
+    }
+    text
+}
+
+/// More slices than these are thinned: a page holds no more.
+const MOST_SLICES: usize = 9;
+
+/// Slices of a grid at constant z, each position's error the root mean square over the directions, with the sensors within half a step
+/// of the slice; `None` where there is no grid.
+pub(super) fn svg(
+    workspace: &Workspace,
+    evaluation: &Evaluation,
+    elements: &[LayoutElement],
+) -> anyhow::Result<Option<String>> {
+    let Some(grid) = &workspace.grid else { return Ok(None) };
+    let [xs, ys, zs] = &grid.axes_m;
+    let directions = workspace.directions.len();
+    let errors: Vec<f64> = evaluation.errors_m().collect();
+    let mut on_grid = vec![f64::NAN; xs.len() * ys.len() * zs.len()];
+    for (of_position, at) in errors.chunks(directions).zip(&grid.kept) {
+        on_grid[*at] = 1e3 * (of_position.iter().map(|e| e * e).sum::<f64>() / directions as f64).sqrt();
+    }
+    let mm = |coordinates: &[f64]| coordinates.iter().map(|v| 1e3 * v).collect::<Vec<_>>();
+    let step = zs.len().div_ceil(MOST_SLICES);
+    let half_m = zs.windows(2).map(|pair| 0.5 * (pair[1] - pair[0])).fold(0.05, f64::min);
+    let slice = |k: usize| Map {
+        title: format!("z = {:.0} mm", 1e3 * zs[k]),
+        x_at: mm(xs),
+        y_at: mm(ys),
+        values: on_grid[k * xs.len() * ys.len()..(k + 1) * xs.len() * ys.len()].to_vec(),
+        points: elements
+            .iter()
+            .map(|e| e.world_from_element.translation.vector)
+            .filter(|p| (p.z - zs[k]).abs() <= half_m)
+            .map(|p| (1e3 * p.x, 1e3 * p.y))
+            .collect(),
+    };
+    let maps = Maps {
+        maps: (0..zs.len()).step_by(step).map(slice).collect(),
+        columns: 3,
+        labels: ["x (mm)".to_owned(), "y (mm)".to_owned()],
+        quantity: "bound, rms over directions (mm)".to_owned(),
+        scale: Scale::Logarithmic,
+    };
+    // A layout that sees nothing anywhere has no picture, and its table says so.
+    Ok(errors.iter().any(|e| e.is_finite()).then(|| maps.to_svg()).transpose()?)
+}
+
+/// Cost against error, a symbol per layout; `None` where none has a bound.
+pub(super) fn pareto_svg(
+    cost_unit: &str,
+    layouts: &[(&str, f64, Option<f64>)],
+) -> anyhow::Result<Option<String>> {
+    let mut panel = Panel::new(
+        Axis::linear(&format!("cost ({cost_unit})")),
+        Axis::linear("bound, rms (mm)").at_least(0.0, 0.0),
+    );
+    let known: Vec<(&str, f64, f64)> =
+        layouts.iter().filter_map(|(name, cost, error)| Some((*name, *cost, (*error)?))).collect();
+    for (k, (name, cost, error)) in known.iter().enumerate() {
+        panel = panel.with(Series::ours(k, name).symbols().points(&[(*cost, *error)]));
+    }
+    if known.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(Figure::of(panel).panel_size(420, 300).to_svg()?))
+}

@@ -1,0 +1,56 @@
+//! Tables of layouts: a figure per row, a layout per column.
+
+use super::{Judged, Setting};
+use comfy_table::{CellAlignment, presets};
+
+fn figure(value: Option<f64>) -> String {
+    value.map_or_else(|| "infinite".to_owned(), |v| format!("{v:.3}"))
+}
+
+fn deaths(judged: &Judged, at: usize) -> String {
+    judged.deaths.get(at).map_or_else(|| "-".to_owned(), |d| figure(d.rms_mm))
+}
+
+/// The table of some layouts.
+pub(super) fn table(setting: &Setting, layouts: &[(String, &Judged)]) -> String {
+    let mut table = crate::table::fitting(presets::UTF8_HORIZONTAL_ONLY);
+    table.set_header(std::iter::once(String::new()).chain(layouts.iter().map(|(name, _)| name.clone())));
+    let mut row = |name: &str, of: &dyn Fn(&Judged) -> String| {
+        table.add_row(std::iter::once(name.to_owned()).chain(layouts.iter().map(|(_, judged)| of(judged))));
+    };
+    row("elements", &|j| j.summary.elements.to_string());
+    row(&format!("cost, {}", setting.cost_unit), &|j| format!("{}", j.summary.cost));
+    row("rms mm (A)", &|j| figure(j.summary.rms_mm));
+    row("mean mm", &|j| figure(j.summary.mean_mm));
+    row("median mm", &|j| figure(j.summary.median_mm));
+    row("p95 mm", &|j| figure(j.summary.p95_mm));
+    row("worst mm", &|j| figure(j.summary.worst_mm));
+    row("worst along a line mm (E)", &|j| figure(j.summary.e_mm));
+    row("mean log det (D)", &|j| figure(j.summary.mean_log_det));
+    row("angle rms deg", &|j| figure(j.summary.angle_rms_deg));
+    row("angle worst deg", &|j| figure(j.summary.angle_worst_deg));
+    let wanted = layouts.first().map_or(1.0, |(_, j)| j.summary.wanted_mm);
+    row(&format!("within {wanted} mm"), &|j| format!("{:.1} %", 100.0 * j.summary.share_below_wanted));
+    row("poses without a bound", &|j| format!("{} of {}", j.summary.poses_without_bound, j.summary.poses));
+    let most = layouts.iter().map(|(_, j)| j.deaths.len()).max().unwrap_or(0);
+    for at in 0..most {
+        row(&format!("rms mm, worst {} dead", at + 1), &|j| deaths(j, at));
+    }
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table.to_string()
+}
+
+/// What was judged, in a line or two.
+pub(super) fn head(setting: &Setting) -> String {
+    let unknown = if setting.unknown.is_empty() {
+        "nothing else is unknown".to_owned()
+    } else {
+        format!("unknown beside them: {}", setting.unknown.join(", "))
+    };
+    format!(
+        "bound of one reading of `{}` ({}) over {} positions x {} directions; {unknown}",
+        setting.sensor, setting.modality, setting.positions, setting.directions
+    )
+}
