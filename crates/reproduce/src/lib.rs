@@ -22,6 +22,7 @@
 mod context;
 mod error;
 mod files;
+mod moussakhani2012;
 mod registry;
 mod table;
 pub mod than2015;
