@@ -1,7 +1,7 @@
 //! Full-size acceptance: every line an issue promises, measured, written to `docs/validation/<issue>.json`.
 //!
 //! ```sh
-//! cargo build --release && cargo run --release --example validate -- foundation|pet [WORDS…]
+//! cargo build --release && cargo run --release --example validate -- foundation|pet|magnetic [WORDS…]
 //! ```
 //!
 //! Words after the issue choose the rows whose name holds one of them; the others keep what the file says of them. A row that
@@ -9,6 +9,7 @@
 
 mod figures;
 mod foundation;
+mod magnetic;
 mod pet;
 mod row;
 mod tools;
@@ -26,7 +27,8 @@ fn main() {
     match issue.as_str() {
         "foundation" => foundation::rows(&mut sheet),
         "pet" => pet::rows(&mut sheet),
-        other => return refuse(&format!("no issue `{other}`; allowed: foundation, pet")),
+        "magnetic" => magnetic::rows(&mut sheet),
+        other => return refuse(&format!("no issue `{other}`; allowed: foundation, pet, magnetic")),
     }
     match sheet.close() {
         Ok(0) => {}

@@ -73,7 +73,8 @@ fn published(sheet: &mut Sheet, out: &Path) {
     }
 }
 
-fn reproduction(line: &str, id: &str, out: &Path) -> Outcome {
+/// One reproduction: passed where all of its goals are met.
+pub(crate) fn reproduction(line: &str, id: &str, out: &Path) -> Outcome {
     let ended = run(lumenav().args(["-q", "reproduce", id, "--json", "--out"]).arg(out.join("reproduce")))?;
     let table: Reproduced = serde_json::from_str(&ended.stdout).map_err(|e| format!("{id}: {e}"))?;
     let mut verdicts = BTreeMap::new();

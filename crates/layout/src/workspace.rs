@@ -1,4 +1,4 @@
-//! The poses at which a layout is judged: positions times directions of the capsule's axis.
+//! The poses at which a layout is judged: positions times directions of the capsule's axis, or those of a path.
 
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::pose::attitude_from_axis;
@@ -16,11 +16,14 @@ pub struct WorkspaceTable {
     pub y_mm: Option<Coordinates>,
     /// See `x_mm`.
     pub z_mm: Option<Coordinates>,
-    /// Positions along the scenario's tract instead of a grid.
+    /// Positions along the scenario's tract, or the poses of its path, instead of a grid.
     pub along: Option<Along>,
-    /// Distance of two positions along it, mm. Default 10.
+    /// Distance of two positions along the tract, mm. Default 10.
     #[serde(default = "step")]
     pub step_mm: Positive,
+    /// Time between two poses of the path, s. Default 0.1.
+    #[serde(default = "every")]
+    pub every_s: Positive,
     /// Only positions inside an elliptic cylinder about z.
     pub inside: Option<InsideTable>,
     /// Directions of the capsule's axis; absent: as many as `direction_count`, spread evenly over the sphere.
@@ -67,17 +70,22 @@ fn step() -> Positive {
     Positive(10.0)
 }
 
+fn every() -> Positive {
+    Positive(0.1)
+}
+
 fn count() -> u32 {
     12
 }
 
 /// Where the defaults come from.
-pub const WORKSPACE_SOURCES: [(&str, &str); 9] = [
+pub const WORKSPACE_SOURCES: [(&str, &str); 10] = [
     ("x_mm", "chosen: none, `along` says where"),
     ("y_mm", "chosen: none, `along` says where"),
     ("z_mm", "chosen: none, `along` says where"),
     ("along", "chosen: none, the grid says where"),
     ("step_mm", "chosen: half a capsule's length"),
+    ("every_s", "chosen: a capsule at 22 mm/s moves 2.2 mm"),
     ("inside", "chosen: every position of the grid or the tract"),
     ("inside.clearance_mm", "chosen: up to the surface"),
     ("directions", "chosen: spread evenly over the sphere"),
@@ -107,6 +115,17 @@ pub enum Coordinates {
 pub enum Along {
     /// The centre line of `[tract]`.
     Tract,
+    /// The capsule's own way through the scenario, with its attitudes.
+    Path,
+}
+
+/// What `along` gave.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Followed {
+    /// Places, to be combined with directions, m.
+    Positions(Vec<Vector3<f64>>),
+    /// Poses as they are.
+    Poses(Vec<Isometry3<f64>>),
 }
 
 /// The grid that positions stand on.
@@ -123,8 +142,10 @@ pub struct Grid {
 pub struct Workspace {
     /// The positions, m; of a grid x runs fastest.
     pub positions_m: Vec<Vector3<f64>>,
-    /// The directions, unit.
+    /// The directions, unit; of a path's poses, which have their own, one that counts for nothing.
     pub directions: Vec<Vector3<f64>>,
+    /// The poses of a path, one per position; empty elsewhere.
+    pub path: Vec<Isometry3<f64>>,
     /// The grid, where there is one.
     pub grid: Option<Grid>,
 }
@@ -134,31 +155,41 @@ const MOST_POSES: usize = 20_000_000;
 const MOST_COORDINATES: u32 = 10_000;
 
 impl Workspace {
-    /// Reads the table; `along` gives positions that follow the tract, so many metres apart.
+    /// Reads the table; `along` gives what follows the tract or the path.
     ///
     /// # Errors
     /// [`ConfigError`] with file, line and key, or what `along` says.
     pub fn from_node<E: From<ConfigError>>(
         node: &Node,
-        along: impl FnOnce(Along, f64) -> Result<Vec<Vector3<f64>>, E>,
+        along: impl FnOnce(&WorkspaceTable, Along) -> Result<Followed, E>,
     ) -> Result<Self, E> {
         let table: WorkspaceTable = node.parse_sourced(&WORKSPACE_SOURCES)?;
-        let directions = directions(&table, node)?;
+        let mut directions = directions(&table, node)?;
+        let mut path = Vec::new();
         let axes = [("x_mm", &table.x_mm), ("y_mm", &table.y_mm), ("z_mm", &table.z_mm)];
         let (positions_m, grid) = match (table.along, axes.iter().find(|(_, given)| given.is_some())) {
             (Some(_), Some((key, _))) => {
                 return Err(node.error_at(key, "a grid and `along` at once; give one of them").into());
             }
-            (Some(what), None) => {
-                let mut all = along(what, 1e-3 * table.step_mm.0)?;
-                all.retain(|p| table.inside.is_none_or(|inside| inside.holds(p)));
-                (all, None)
-            }
+            (Some(what), None) => match along(&table, what)? {
+                Followed::Positions(mut all) => {
+                    all.retain(|p| table.inside.is_none_or(|inside| inside.holds(p)));
+                    (all, None)
+                }
+                Followed::Poses(poses) => {
+                    let is_kept = |p: &Isometry3<f64>| {
+                        table.inside.is_none_or(|inside| inside.holds(&p.translation.vector))
+                    };
+                    path = poses.into_iter().filter(is_kept).collect();
+                    directions = vec![Vector3::x()];
+                    (path.iter().map(|p| p.translation.vector).collect(), None)
+                }
+            },
             (None, _) => {
                 let mut axes_m: [Vec<f64>; 3] = Default::default();
                 for ((key, given), out) in axes.into_iter().zip(&mut axes_m) {
                     let Some(given) = given else {
-                        let message = "missing; give x_mm, y_mm and z_mm, or along = \"tract\"";
+                        let message = "missing; give x_mm, y_mm and z_mm, or along = \"tract\" or \"path\"";
                         return Err(node.error_at(key, message).into());
                     };
                     *out = given.metres().map_err(|message| node.error_at(key, &message))?;
@@ -174,7 +205,7 @@ impl Workspace {
         if positions_m.is_empty() || poses > MOST_POSES {
             return Err(node.error(&format!("{poses} poses; 1 to {MOST_POSES} are allowed")).into());
         }
-        Ok(Self { positions_m, directions, grid })
+        Ok(Self { positions_m, directions, path, grid })
     }
 
     /// Number of poses.
@@ -189,6 +220,9 @@ impl Workspace {
 
     /// Pose `i`: the directions of one position stand together.
     pub fn pose(&self, i: usize) -> Isometry3<f64> {
+        if let Some(pose) = self.path.get(i) {
+            return *pose;
+        }
         let (position, direction) = (i / self.directions.len(), i % self.directions.len());
         Isometry3::from_parts(
             Translation3::from(self.positions_m[position]),
@@ -275,7 +309,13 @@ mod tests {
 
     fn read(text: &str) -> Result<Workspace, ConfigError> {
         let node = Node::parse_text(text, "w.toml", Path::new(""), &[]).unwrap();
-        Workspace::from_node(&node, |_, step_m| Ok(vec![Vector3::new(step_m, 0.0, 0.0)]))
+        Workspace::from_node(&node, |table, along| {
+            let at = Vector3::new(1e-3 * table.step_mm.0, 0.0, 0.0);
+            Ok(match along {
+                Along::Tract => Followed::Positions(vec![at]),
+                Along::Path => Followed::Poses(vec![Translation3::from(at).into(); 3]),
+            })
+        })
     }
 
     #[test]
@@ -287,6 +327,7 @@ mod tests {
         assert!((pose * Vector3::x() - Vector3::new(0.0, 1.0, 1.0).normalize()).norm() < 1e-12);
         let spread = read("along = \"tract\"\nstep_mm = 5\n").unwrap();
         assert_eq!(spread.len(), 12);
+        assert_eq!(read("along = \"path\"\nstep_mm = 7\n").unwrap().poses()[2].translation.x, 7e-3);
         assert!(spread.directions.iter().sum::<Vector3<f64>>().norm() < 0.2);
     }
 

@@ -43,7 +43,7 @@ fn layout(array: &str, options: &str) -> ArrayLayout {
 }
 
 fn workspace(text: &str) -> Workspace {
-    Workspace::from_node(&node(text), |_, _| Err::<Vec<Vector3<f64>>, _>(node("").error("no tract"))).unwrap()
+    Workspace::from_node(&node(text), |_, _| Err(node("").error("no tract"))).unwrap()
 }
 
 fn summary(model: &dyn LayoutModel, workspace: &Workspace) -> Summary {

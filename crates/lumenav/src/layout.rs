@@ -1,11 +1,11 @@
 //! Opening the `[layout]` of a scenario: the sensor as a layout, and the poses at which it is judged.
 
-use lumenav_core::{ConfigError, LayoutModel, Name, Registry, Setup};
-use lumenav_layout::workspace::Along;
+use lumenav_core::{ConfigError, LayoutModel, Name, Registry, Setup, SimTime};
+use lumenav_layout::workspace::{Along, Followed};
 use lumenav_layout::{LayoutError, Study, Workspace};
 use lumenav_scenario::ScenarioFile;
 use lumenav_scenario::engine_world::read_tract;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 /// A layout to judge or to improve.
 pub struct OpenedLayout {
@@ -47,8 +47,11 @@ pub fn open_layout(file: &ScenarioFile, registry: &Registry) -> Result<Option<Op
         map: None,
     };
     let model = registry.get(&entry.modality, &entry.node)?.layout(&entry.installed, &study.model, &setup)?;
-    let workspace = Workspace::from_node(&study.workspace, |Along::Tract, step_m| {
-        along_tract(file, step_m).map_err(LayoutError::from)
+    let workspace = Workspace::from_node(&study.workspace, |table, along| match along {
+        Along::Tract => {
+            along_tract(file, 1e-3 * table.step_mm.0).map(Followed::Positions).map_err(LayoutError::from)
+        }
+        Along::Path => along_path(file, table.every_s.0).map(Followed::Poses),
     })?;
     Ok(Some(OpenedLayout { sensor: entry.name.clone(), study, model, workspace }))
 }
@@ -65,4 +68,35 @@ fn along_tract(file: &ScenarioFile, step_m: f64) -> Result<Vec<Vector3<f64>>, Co
     let line = &tract.centre_line;
     let steps = (line.length_m() / step_m).floor() as usize;
     Ok((0..=steps).map(|k| line.station(k as f64 * step_m).position_m.coords).collect())
+}
+
+/// More poses than this are a typing error.
+const MOST_POSES: f64 = 1e7;
+
+/// The capsule's poses on its way through the scenario, of the scenario's own seed. The design of a sensor knows the way that it is
+/// designed for; no estimate is made of it.
+fn along_path(file: &ScenarioFile, every_s: f64) -> Result<Vec<Isometry3<f64>>, LayoutError> {
+    let table = file.node.child_or_empty("layout").child_or_empty("workspace");
+    let Some(duration_s) = file.scenario.duration_s else {
+        return Err(table.error_at("along", "the scenario has no duration_s, so its path has no end").into());
+    };
+    let steps = (duration_s.0 / every_s).floor();
+    if steps > MOST_POSES {
+        return Err(table
+            .error_at("every_s", &format!("{steps} poses; at most {MOST_POSES} are allowed"))
+            .into());
+    }
+    let failed = |error: lumenav_scenario::ScenarioError| match error {
+        lumenav_scenario::ScenarioError::Config(error) => LayoutError::Config(error),
+        other => LayoutError::Impossible(format!("the scenario's path: {other}")),
+    };
+    let mut world = crate::stage(file, file.scenario.seed, 0).map_err(failed)?.world;
+    let mut poses = Vec::new();
+    for k in 0..=steps as usize {
+        let at = SimTime((1e9 * every_s * k as f64).round() as i64);
+        world.advance_to(at).map_err(failed)?;
+        poses.push(world.truth().capsule(at).world_from_capsule);
+        world.forget_before(at);
+    }
+    Ok(poses)
 }

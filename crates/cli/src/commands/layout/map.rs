@@ -10,8 +10,8 @@ pub(super) fn csv(workspace: &Workspace, evaluation: &Evaluation) -> String {
     let mut text =
         "x_m,y_m,z_m,axis_x,axis_y,axis_z,error_m,sigma_x_m,sigma_y_m,sigma_z_m,angle_rad\n".to_owned();
     for (i, bound) in evaluation.bounds.iter().enumerate() {
-        let (at, along) = (i / workspace.directions.len(), i % workspace.directions.len());
-        let (p, u) = (workspace.positions_m[at], workspace.directions[along]);
+        let pose = workspace.pose(i);
+        let (p, u) = (pose.translation.vector, pose.rotation.transform_vector(&[1.0, 0.0, 0.0].into()));
         // Writing to a string cannot fail.
         let _ = write!(text, "{},{},{},{},{},{}", p.x, p.y, p.z, u.x, u.y, u.z);
         let _ = match bound {

@@ -1,0 +1,151 @@
+//! Magnetic sensing and layout design: the Shows lines and speeds.
+
+use crate::pet::reproduction;
+use crate::row::{Outcome, Sheet};
+use crate::tools::{lumenav, run, tested};
+use lumenav::report::{Trials, read_json};
+use serde_json::Value;
+use std::path::Path;
+
+const BELT: &str = "scenarios/layout/belt-helix.toml";
+const TRIALS: &str = "50";
+
+/// Measures all rows.
+pub fn rows(sheet: &mut Sheet) {
+    let scratch = match tempfile::tempdir() {
+        Ok(folder) => folder,
+        Err(error) => return eprintln!("no temporary folder: {error}"),
+    };
+    let out = scratch.path();
+    claims(sheet, out);
+    layouts(sheet, out);
+    predicted(sheet, out);
+    speed(sheet, out);
+}
+
+/// Line 1: the tables of moussakhani2012, and the fixtures.
+fn claims(sheet: &mut Sheet, out: &Path) {
+    for (line, id) in [
+        ("1", "moussakhani2012/sensors"),
+        ("-", "moussakhani2012/distance"),
+        ("-", "moussakhani2012/rotation"),
+        ("-", "moussakhani2012/planes"),
+    ] {
+        let command = format!("reproduce {id} --json");
+        let ask = "each claim with a verdict; error over bound: norm 0.97 to 1.03, axes 0.96 to 1.04; 2,000 of 2,000 poses found";
+        sheet.row(&format!("{line} {id}"), &command, ask, || reproduction(line, id, out));
+    }
+    tested(sheet, "1 fixtures", "bound", "cross_every_number_of_the_independent_study");
+}
+
+fn optimized(study: &str, set: &[&str], folder: &Path) -> Result<Value, String> {
+    let mut command = lumenav();
+    command.args(["-q", "layout", "optimize", study, "--json", "--force", "--out"]).arg(folder);
+    command.args(set.iter().flat_map(|set| ["--set", set]));
+    serde_json::from_str(&run(&mut command)?.stdout).map_err(|e| e.to_string())
+}
+
+fn number(value: &Value, key: &str) -> Result<f64, String> {
+    value[key].as_f64().ok_or_else(|| format!("no number `{key}`"))
+}
+
+/// Line 3: what the optimizer finds.
+fn layouts(sheet: &mut Sheet, out: &Path) {
+    const RMS: &str = "layout.optimize.criterion=\"rms\"";
+    const WORST: &str = "layout.optimize.criterion=\"worst\"";
+    for (name, study, set, at_most) in [
+        ("two planes, rms", "two-planes", RMS, 1.085),
+        ("two planes, worst", "two-planes", WORST, 2.40),
+        ("one plane, rms", "one-plane", RMS, 8.811 * 1.005),
+        ("cylinder, candidates, rms", "cylinder", RMS, 0.676),
+    ] {
+        let study = format!("scenarios/layout/{study}.toml");
+        let command = format!("layout optimize {study} --set {set}");
+        sheet.row(&format!("3 {name}"), &command, &format!("<= {at_most:.3} mm"), || {
+            let found = optimized(&study, &[set], &out.join(name))?;
+            let (value, before) = (number(&found, "found")?, number(&found, "installed")?);
+            let bound =
+                found["lower_bound"].as_f64().map_or(String::new(), |b| format!(", lower bound {b:.4} mm"));
+            Ok((format!("{value:.4} mm, as installed {before:.4} mm{bound}"), value <= at_most))
+        });
+    }
+    let study = "scenarios/torso-belt-study.toml";
+    let ask = "better than the regular belt, with the relaxation's gap";
+    sheet.row("3 torso, 30 mm clearance", &format!("layout optimize {study}"), ask, || {
+        let found = optimized(study, &[], &out.join("torso"))?;
+        let (value, before) = (number(&found, "found")?, number(&found, "installed")?);
+        let bound = number(&found, "lower_bound")?;
+        let gained = 100.0 * (1.0 - value / before);
+        let left = 100.0 * (1.0 - bound / value);
+        let figure = format!(
+            "{value:.4} mm, the belt {before:.4} mm: {gained:.1} % better; no choice below {bound:.4} mm: at most {left:.1} % left"
+        );
+        Ok((figure, value < before && bound <= value))
+    });
+}
+
+/// Line 4: the ratio of errors that the bound predicts, and the one that trackers have.
+fn predicted(sheet: &mut Sheet, out: &Path) {
+    let ask = "predicted ratio of errors within 10 % of the measured one, 50 paired trials";
+    let command =
+        format!("layout optimize {BELT}; run {BELT} --trials {TRIALS}, belt-16 and the found array");
+    sheet.row("4 predicted against measured", &command, ask, || ratio(out));
+}
+
+fn ratio(out: &Path) -> Outcome {
+    let folder = out.join("belt-helix");
+    let found = optimized(BELT, &[], &folder)?;
+    let predicted = number(&found["after"], "rms_mm")? / number(&found["before"], "rms_mm")?;
+    let rmse = |array: Option<&Path>, name: &str| -> Result<(f64, u64), String> {
+        let trials = out.join(name);
+        let mut command = lumenav();
+        command.args(["-q", "run", BELT, "--trials", TRIALS, "--force", "--out"]).arg(&trials);
+        if let Some(array) = array {
+            command.arg("--set").arg(format!("sensor.belt.installed.array={}", array.display()));
+        }
+        run(&mut command)?;
+        let trials: Trials = read_json(&trials.join("trials.json")).map_err(|e| e.to_string())?;
+        let track = trials.tracks.get("magnetic").ok_or("no track `magnetic`")?;
+        Ok((track.rmse_mm.ok_or("no error")?.mean, trials.failed))
+    };
+    let (by_hand, failed) = rmse(None, "by-hand")?;
+    let (optimized, also_failed) = rmse(Some(&folder.join("array.toml")), "found")?;
+    let measured = optimized / by_hand;
+    let figure = format!(
+        "predicted {predicted:.4}, measured {measured:.4} (rmse {optimized:.4} against {by_hand:.4} mm): {:.1} % apart; {} trials failed",
+        100.0 * (predicted / measured - 1.0).abs(),
+        failed + also_failed
+    );
+    Ok((figure, (predicted / measured - 1.0).abs() <= 0.10 && failed + also_failed == 0))
+}
+
+/// Speeds: whole commands, reading and writing included.
+fn speed(sheet: &mut Sheet, out: &Path) {
+    let set = [
+        "sensor.planes.installed.array=cube",
+        "layout.dead=0",
+        "layout.workspace.x_mm={ from = -200, to = 200, count = 26 }",
+        "layout.workspace.y_mm={ from = -200, to = 200, count = 25 }",
+        "layout.workspace.z_mm={ from = 100, to = 400, count = 22 }",
+    ];
+    let study = "scenarios/layout/two-planes.toml";
+    sheet.row(
+        "speed: evaluate, 64 sensors x 100,100 poses",
+        &format!("layout evaluate {study} (cube, 26 x 25 x 22 x 7)"),
+        "<= 1 s",
+        || {
+            let mut command = lumenav();
+            command.args(["-q", "layout", "evaluate", study, "--out"]).arg(out.join("big"));
+            command.args(set.iter().flat_map(|set| ["--set", set]));
+            let seconds = run(&mut command)?.seconds;
+            Ok((format!("{seconds:.2} s with its map of 100,100 rows"), seconds <= 1.0))
+        },
+    );
+    let study = "scenarios/layout/planes-candidates.toml";
+    sheet.row("speed: optimize, 16 of 9 x 9 x 2", &format!("layout optimize {study}"), "<= 10 s", || {
+        let mut command = lumenav();
+        command.args(["-q", "layout", "optimize", study, "--out"]).arg(out.join("candidates"));
+        let seconds = run(&mut command)?.seconds;
+        Ok((format!("{seconds:.2} s, eight starts and the lower bound"), seconds <= 10.0))
+    });
+}
