@@ -136,7 +136,7 @@ mod tests {
     fn closed_form_inverse_of_matrices_of_every_size() {
         for n in 3..=MOST_PARAMETERS {
             let a = DMatrix::from_fn(n + 2, n, |i, j| {
-                ((3 * i + 7 * j) as f64).sin() * 10.0_f64.powi(j as i32 % 5)
+                ((3 * i * i + 7 * j * j + i * j) as f64).sin() * 10.0_f64.powi(j as i32 % 5)
             });
             let information = a.tr_mul(&a);
             let packed: Vec<f64> =

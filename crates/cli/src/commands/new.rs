@@ -12,13 +12,18 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 15] = [
+const SHIPPED: [(&str, &str); 21] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
     ("colon-pet-bed", include_str!("../../../../scenarios/colon-pet-bed.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
     ("colon-pet", include_str!("../../../../scenarios/colon-pet.toml")),
     ("helix-magnetic", include_str!("../../../../scenarios/helix-magnetic.toml")),
     ("helix-pet", include_str!("../../../../scenarios/helix-pet.toml")),
+    ("layout/belt-helix", include_str!("../../../../scenarios/layout/belt-helix.toml")),
+    ("layout/cylinder", include_str!("../../../../scenarios/layout/cylinder.toml")),
+    ("layout/one-plane", include_str!("../../../../scenarios/layout/one-plane.toml")),
+    ("layout/planes-candidates", include_str!("../../../../scenarios/layout/planes-candidates.toml")),
+    ("layout/two-planes", include_str!("../../../../scenarios/layout/two-planes.toml")),
     ("matched-magnetic", include_str!("../../../../scenarios/matched-magnetic.toml")),
     ("matched-pet", include_str!("../../../../scenarios/matched-pet.toml")),
     ("replay/magnet-patch", include_str!("../../../../scenarios/replay/magnet-patch.toml")),
@@ -28,6 +33,7 @@ const SHIPPED: [(&str, &str); 15] = [
     ("smoke/faults", include_str!("../../../../scenarios/smoke/faults.toml")),
     ("smoke/helix", include_str!("../../../../scenarios/smoke/helix.toml")),
     ("smoke/pet", include_str!("../../../../scenarios/smoke/pet.toml")),
+    ("torso-belt-study", include_str!("../../../../scenarios/torso-belt-study.toml")),
 ];
 
 /// Makes something new.

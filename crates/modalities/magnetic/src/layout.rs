@@ -201,7 +201,9 @@ impl LayoutModel for ArrayLayout {
         let mut text = String::new();
         let quoted = |words: &str| toml_string(words);
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "[array]\nname = {}\nsource = {}", quoted(name), quoted(source));
+        let source = format!("places: {source}; noise and limits: array `{}`", self.array.name);
+        let _ = writeln!(text, "# Found by a search for a layout.");
+        let _ = writeln!(text, "[array]\nname = {}\nsource = {}", quoted(name), quoted(&source));
         let _ = writeln!(text, "noise_tesla = {:e}", self.array.noise_tesla);
         if let Some(limit) = self.array.saturation_tesla {
             let _ = writeln!(text, "saturation_tesla = {limit:e}");

@@ -47,7 +47,7 @@ pub(super) fn svg(
     let step = zs.len().div_ceil(MOST_SLICES);
     let half_m = zs.windows(2).map(|pair| 0.5 * (pair[1] - pair[0])).fold(0.05, f64::min);
     let slice = |k: usize| Map {
-        title: format!("z = {:.0} mm", 1e3 * zs[k]),
+        title: format!("z = {:.0} mm", 1e3 * zs[k]).replace('-', "\u{2212}"),
         x_at: mm(xs),
         y_at: mm(ys),
         values: on_grid[k * xs.len() * ys.len()..(k + 1) * xs.len() * ys.len()].to_vec(),
@@ -74,10 +74,8 @@ pub(super) fn pareto_svg(
     cost_unit: &str,
     layouts: &[(&str, f64, Option<f64>)],
 ) -> anyhow::Result<Option<String>> {
-    let mut panel = Panel::new(
-        Axis::linear(&format!("cost ({cost_unit})")),
-        Axis::linear("bound, rms (mm)").at_least(0.0, 0.0),
-    );
+    let mut panel =
+        Panel::new(Axis::linear(&format!("cost ({cost_unit})")), Axis::logarithmic("bound, rms (mm)"));
     let known: Vec<(&str, f64, f64)> =
         layouts.iter().filter_map(|(name, cost, error)| Some((*name, *cost, (*error)?))).collect();
     for (k, (name, cost, error)) in known.iter().enumerate() {
