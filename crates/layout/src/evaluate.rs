@@ -238,25 +238,24 @@ impl<'a> Survivors<'a> {
         let dimension = self.model.parameters().len();
         let mut information = vec![0.0; self.prior.len()];
         let is_left = |i: &usize| !dead.contains(i);
-        let f = match &self.each {
-            Some(each) => Criterion::Rms.value(self.poses.len(), f64::INFINITY, |pose| {
+        let f = if let Some(each) = &self.each {
+            Criterion::Rms.value(self.poses.len(), f64::INFINITY, |pose| {
                 information.copy_from_slice(&self.prior);
                 for i in (0..self.elements.len()).filter(is_left) {
                     let from = (pose * self.elements.len() + i) * self.prior.len();
                     add(&mut information, &each[from..from + self.prior.len()]);
                 }
                 Inverse::of(&information, dimension)
-            }),
-            None => {
-                let left: Vec<LayoutElement> =
-                    (0..self.elements.len()).filter(is_left).map(|i| self.elements[i].clone()).collect();
-                let mut worker = self.model.worker();
-                Criterion::Rms.value(self.poses.len(), f64::INFINITY, |pose| {
-                    worker.together(&left, &self.poses[pose], &mut information);
-                    add(&mut information, &self.prior);
-                    Inverse::of(&information, dimension)
-                })
-            }
+            })
+        } else {
+            let left: Vec<LayoutElement> =
+                (0..self.elements.len()).filter(is_left).map(|i| self.elements[i].clone()).collect();
+            let mut worker = self.model.worker();
+            Criterion::Rms.value(self.poses.len(), f64::INFINITY, |pose| {
+                worker.together(&left, &self.poses[pose], &mut information);
+                add(&mut information, &self.prior);
+                Inverse::of(&information, dimension)
+            })
         };
         Criterion::Rms.shown(f)
     }

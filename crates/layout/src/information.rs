@@ -45,7 +45,7 @@ impl Inverse {
                     sum -= root[i * N + k] * root[j * N + k];
                 }
                 if i == j {
-                    if !(sum > LEAST_PIVOT) {
+                    if sum.is_nan() || sum <= LEAST_PIVOT {
                         return None;
                     }
                     root[i * N + i] = sum.sqrt();

@@ -110,10 +110,9 @@ pub fn check(file: &ScenarioFile, registry: &Registry) -> Result<(), lumenav_pip
     lumenav_pipeline::build::tracks(file, registry, stage.map.as_ref())?;
     lumenav_pipeline::build::check_controllers(file, &mut sensors)?;
     match open_layout(file, registry) {
-        Ok(_) => Ok(()),
         Err(LayoutError::Config(error)) => Err((*error).into()),
         Err(LayoutError::Modality(error)) => Err(error.into()),
         // What can only be found by searching is not searched for here.
-        Err(LayoutError::Dependent | LayoutError::Impossible(_) | LayoutError::Stopped) => Ok(()),
+        Ok(_) | Err(LayoutError::Dependent | LayoutError::Impossible(_) | LayoutError::Stopped) => Ok(()),
     }
 }

@@ -75,15 +75,6 @@ impl<'a> Job<'a> {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// The command, as it stands beside every number.
-    fn command(&self) -> String {
-        std::env::args()
-            .enumerate()
-            .map(|(i, a)| if i == 0 { "lumenav".to_owned() } else { a })
-            .collect::<Vec<_>>()
-            .join(" ")
-    }
-
     fn judge(
         &self,
         opened: &OpenedLayout,
@@ -97,6 +88,12 @@ impl<'a> Job<'a> {
         let judged = Judged { summary: evaluation.summary(elements, opened.study.wanted_mm), deaths: dead };
         Ok((evaluation, judged))
     }
+}
+
+/// The command, as it stands beside every number.
+fn command() -> String {
+    let words = std::env::args().skip(1);
+    std::iter::once("lumenav".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
 
 /// What is said of one layout.
@@ -128,7 +125,7 @@ impl Setting {
         let modality = job.file.sensors.iter().find(|s| s.name == opened.sensor).map(|s| s.modality.clone());
         Self {
             schema: SCHEMA,
-            command: job.command(),
+            command: command(),
             scenario: job.file.scenario.name.clone(),
             sensor: opened.sensor.to_string(),
             modality: modality.unwrap_or_default(),

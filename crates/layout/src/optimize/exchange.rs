@@ -57,7 +57,7 @@ pub fn choose(
     let table = InformationTable::new(question.model, &usable, &question.poses, executor)?;
     let search =
         Search { question, table: &table, candidates: &usable, prior: question.model.prior(), count };
-    let start = |k: usize| search.from_start(k, stopped);
+    let start = |k: usize| search.run_start(k, stopped);
     let found = super::run(question.starts, executor, watch, start, || {
         LayoutError::Impossible(format!(
             "no choice of {count} candidates keeps a spacing of {} mm and has a bound at every pose",
@@ -80,7 +80,7 @@ impl Search<'_> {
         chosen.iter().map(|i| self.candidates[*i].clone()).collect()
     }
 
-    fn from_start(&self, start: usize, stopped: &dyn Fn() -> bool) -> Ended {
+    fn run_start(&self, start: usize, stopped: &dyn Fn() -> bool) -> Ended {
         if stopped() {
             return Ended::Stopped;
         }

@@ -31,7 +31,7 @@ pub(super) fn minimise(
         }
         let mut direction = descent(&gradient, &pairs);
         let mut slope = dot(&direction, &gradient);
-        if !(slope < 0.0) {
+        if slope.is_nan() || slope >= 0.0 {
             pairs.clear();
             direction = gradient.iter().map(|g| -g).collect();
             slope = dot(&direction, &gradient);

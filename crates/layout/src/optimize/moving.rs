@@ -61,7 +61,7 @@ pub fn shift(
     stopped: &(dyn Fn() -> bool + Sync),
 ) -> Result<Found, LayoutError> {
     let search = Search::new(question, ranges)?;
-    let start = |k: usize| search.from_start(k, stopped);
+    let start = |k: usize| search.run_start(k, stopped);
     super::run(question.starts, executor, watch, start, || {
         LayoutError::Impossible(format!(
             "no start came to a layout that keeps a spacing of {} mm and has a bound at every pose",
@@ -121,7 +121,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn from_start(&self, start: usize, stopped: &dyn Fn() -> bool) -> Ended {
+    fn run_start(&self, start: usize, stopped: &dyn Fn() -> bool) -> Ended {
         if stopped() {
             return Ended::Stopped;
         }

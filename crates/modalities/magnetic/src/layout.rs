@@ -194,7 +194,7 @@ impl LayoutModel for ArrayLayout {
             .iter()
             .map(|axis| (rotation * Vector3::ith(*axis, 1.0)).dot(&field).abs())
             .fold(0.0, f64::max);
-        (largest > limit).then(|| format!("saturated: {:.2e} T of {limit:.2e}", largest))
+        (largest > limit).then(|| format!("saturated: {largest:.2e} T of {limit:.2e}"))
     }
 
     fn to_toml(&self, name: &str, source: &str, elements: &[LayoutElement]) -> Option<String> {

@@ -1,6 +1,6 @@
 //! `layout optimize`: a layout that is better, as a file that `run` takes.
 
-use super::{Job, Judged, Setting, show};
+use super::{Job, Judged, Setting, command, show};
 use crate::args::Verbosity;
 use crate::files;
 use anyhow::bail;
@@ -69,7 +69,7 @@ pub(super) fn optimize(job: &Job<'_>) -> anyhow::Result<()> {
     job.stop.store(false, std::sync::atomic::Ordering::Relaxed);
     let report = report(job, &opened, &question, &result, stopped)?;
     let name = format!("{}-optimized", job.file.scenario.name);
-    let source = format!("`{}` ({} = {:.4} {})", job.command(), report.criterion, report.found, report.unit);
+    let source = format!("`{}` ({} = {:.4} {})", command(), report.criterion, report.found, report.unit);
     let Some(array) = opened.model.to_toml(&name, &source, &result.found.elements) else {
         bail!("layouts of modality `{}` have no file of their own", report.setting.modality);
     };

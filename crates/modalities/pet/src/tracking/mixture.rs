@@ -11,7 +11,7 @@
 //!
 //! In the same windows a search looks for another place that explains the window much better: a capsule that was thrown may be followed
 //! at a peak that is none of its orders. A search follows also where the place that was told or held has no lines (a capsule that comes
-//! back from out of view, a prediction that ran away), or the mean log-likelihood per line falls by [`FALL_SD`] of its own standard
+//! back from out of view, a prediction that ran away), or the mean log-likelihood per line falls by four of its own standard
 //! deviations. Where it finds two poses that both explain the lines better than the followed one, that one is *doubted*: no answer is
 //! given, and no prediction looked at, until the next windows tell which. Poses that the marker set cannot tell apart are listed, and
 //! of them the nearest to the prior (or to the last pose) is the answer.

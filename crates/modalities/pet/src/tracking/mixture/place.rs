@@ -7,7 +7,7 @@ use crate::tracking::{Failure, Reinitialized};
 use nalgebra::{Isometry3, Vector3};
 
 /// Fall of the mean log-likelihood that asks for a search, standard deviations.
-pub const FALL_SD: f64 = 4.0;
+const FALL_SD: f64 = 4.0;
 /// Least standard deviation of the mean log-likelihood per line, times the root of the lines: the law of one line has a spread of
 /// about 1.5, so a short memory must not make it smaller.
 const LEAST_SPREAD: f64 = 1.0;
