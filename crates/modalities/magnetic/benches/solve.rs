@@ -104,7 +104,12 @@ fn run(bencher: Bencher<'_, '_>, source: FieldSource, starts: impl Fn(&Case) -> 
     bencher.counter(POSES).bench_local(|| {
         let mut worst: f64 = 0.0;
         for (case, starts) in &cases {
-            let readings = Readings { flux_tesla: &case.flux, valid: &valid, variance_tesla2: &variance };
+            let readings = Readings {
+                flux_tesla: &case.flux,
+                valid: &valid,
+                variance_tesla2: &variance,
+                unknown: lumenav_magnetic::solver::Unknown::default(),
+            };
             let found = match starts.as_slice() {
                 [one] => Some(solve(&channels, &source, readings, one, &mut workspace)),
                 all => solve_from_all(&channels, &source, readings, all, &mut workspace).map(|s| s.best),
@@ -157,6 +162,7 @@ fn linearize(bencher: Bencher<'_, '_>, source: FieldSource) {
         offset_capsule_m: Vector3::zeros(),
         noise_tesla: SIGMA_TESLA,
         relative_error: 0.0,
+        unknown: lumenav_magnetic::solver::Unknown::default(),
     });
     let measurement = Measurement {
         sensor: Name::from("plane"),

@@ -92,6 +92,10 @@ pub struct OptionsTable {
     pub noise_tesla: Option<Positive>,
     /// Relative model error the estimator allows for, added to the noise as this share of each reading.
     pub relative_error: NonNegative,
+    /// Whether the magnet's strength is solved for with the pose (`pose`).
+    pub unknown_strength: bool,
+    /// Whether a uniform ambient field is solved for with the pose (`pose`).
+    pub unknown_ambient: bool,
     /// A pose whose χ² per degree of freedom exceeds this is refused as "does not fit a magnet". Absent: 25 (five standard
     /// deviations on every channel).
     pub max_reduced_chi_square: Option<Positive>,
@@ -118,11 +122,13 @@ pub const REALITY_SOURCES: [(&str, &str); 8] = [
 ];
 
 /// See [`INSTALLED_SOURCES`].
-pub const OPTIONS_SOURCES: [(&str, &str); 5] = [
+pub const OPTIONS_SOURCES: [(&str, &str); 7] = [
     ("front_end", "chosen: a pose without a filter"),
     ("law", "exact field of the cylinder, Derby and Olbert 2010"),
     ("noise_tesla", "the installed noise, with the converter's step (Widrow and Kollar 2008)"),
     ("relative_error", "chosen: the estimator trusts its field law"),
+    ("unknown_strength", "chosen: the magnet is as its model says"),
+    ("unknown_ambient", "chosen: the Earth's field is taken off before"),
     ("max_reduced_chi_square", "chosen: 25, five standard deviations on every channel"),
 ];
 

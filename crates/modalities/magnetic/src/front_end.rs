@@ -13,7 +13,7 @@ use crate::channels::{Channels, MagnetPose};
 use crate::config::{Installed, OptionsTable};
 use crate::model::{FixOfFlux, FluxModel};
 use crate::solver::{
-    FREEDOM, Matrix5, Readings, Search, Solution, Workspace, covariance_growth, solve, solve_each,
+    FREEDOM, Matrix5, Readings, Search, Solution, Unknown, Workspace, covariance_growth, solve, solve_each,
 };
 use lumenav_core::pose::{attitude_from_axis, skew, tangent_basis};
 use lumenav_core::{
@@ -62,6 +62,7 @@ pub struct MagneticFrontEnd {
     offset_capsule_m: Vector3<f64>,
     noise_tesla: f64,
     relative_error: f64,
+    unknown: Unknown,
     max_reduced_chi_square: f64,
     saturation_tesla: Option<f64>,
     worn: bool,
@@ -80,6 +81,7 @@ impl MagneticFrontEnd {
             offset_capsule_m: installed.magnet.offset_capsule_m,
             noise_tesla: options.noise_tesla.map_or(installed.reading_sigma_tesla(), |v| v.0),
             relative_error: options.relative_error.0,
+            unknown: Unknown { strength: options.unknown_strength, ambient: options.unknown_ambient },
             max_reduced_chi_square: options.max_reduced_chi_square.map_or(MAX_REDUCED_CHI_SQUARE, |v| v.0),
             saturation_tesla: installed.limit_tesla(),
             worn: installed.table.worn_on.is_some(),
@@ -102,6 +104,7 @@ impl MagneticFrontEnd {
             offset_capsule_m: self.offset_capsule_m,
             noise_tesla: self.noise_tesla,
             relative_error: self.relative_error,
+            unknown: self.unknown,
         }
     }
 
@@ -138,7 +141,10 @@ impl MagneticFrontEnd {
             found.extend(Some(warm).filter(|warm| warm.chi_square.is_finite()));
         }
         let places = self.array.start_positions_m(&model.channels, world_from_array);
-        let first = starts(&places, &[Vector3::z(), -Vector3::z()]);
+        // Of an unknown strength the sign is solved for: opposite axes are one start.
+        let axes: &[Vector3<f64>] =
+            if self.unknown.strength { &THREE_WAYS } else { &[Vector3::z(), -Vector3::z()] };
+        let first = starts(&places, axes);
         solve_each(&model.channels, &self.source, readings, &first, &mut self.workspace, &mut found);
         let few = readings.valid.iter().filter(|valid| **valid).count() < FEW_CHANNELS;
         if few || !found.iter().any(|solution| self.explains(solution)) {
@@ -151,7 +157,9 @@ impl MagneticFrontEnd {
 
     /// Whether a solution leaves nothing but the assumed noise.
     fn explains(&mut self, solution: &Solution) -> bool {
-        solution.converged && solution.chi_square < self.chi_square_limit(solution.channels - FREEDOM)
+        solution.converged
+            && solution.chi_square
+                < self.chi_square_limit(solution.channels.saturating_sub(solution.freedom).max(1))
     }
 
     /// Why what was found cannot be trusted; `None` where it can.
@@ -166,7 +174,9 @@ impl MagneticFrontEnd {
                 "the readings do not fit a magnet: chi-square per degree of freedom {reduced:.1}"
             ));
         }
-        if without_magnet(readings) - best.chi_square < self.chi_square_limit(FREEDOM) * reduced.max(1.0) {
+        if without_magnet(readings, channels) - best.chi_square
+            < self.chi_square_limit(FREEDOM) * reduced.max(1.0)
+        {
             return Some("the readings are explained by noise alone: no magnet in reach".to_owned());
         }
         if let Some(rival) = &found.rival {
@@ -268,6 +278,10 @@ impl MagneticFrontEnd {
 /// No centre of a magnet comes nearer to a sensor than this: both have a size.
 const INSIDE_SENSOR_M: f64 = 1e-3;
 
+/// Directions of a search that need not tell north from south.
+const THREE_WAYS: [Vector3<f64>; 3] =
+    [Vector3::new(1.0, 0.0, 0.0), Vector3::new(0.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 1.0)];
+
 /// Directions of a thorough search.
 const SIX_WAYS: [Vector3<f64>; 6] = [
     Vector3::new(1.0, 0.0, 0.0),
@@ -302,10 +316,20 @@ fn nearest_sensor_m(solution: &Solution, channels: &Channels) -> f64 {
     channels.positions_world_m.iter().map(|s| (s - place).norm()).fold(f64::INFINITY, f64::min)
 }
 
-/// χ² of the readings if there were no magnet.
-fn without_magnet(readings: Readings<'_>) -> f64 {
-    let all = readings.flux_tesla.iter().zip(readings.valid).zip(readings.variance_tesla2);
-    all.filter(|((_, valid), _)| **valid).map(|((z, _), variance)| z * z / variance).sum()
+/// χ² of the readings if there were no magnet; where an ambient field is unknown, with the one that explains them best.
+fn without_magnet(readings: Readings<'_>, channels: &Channels) -> f64 {
+    let of = |k: usize| {
+        (readings.flux_tesla[k], channels.channels[k].axis_world, 1.0 / readings.variance_tesla2[k])
+    };
+    let valid = || (0..readings.flux_tesla.len()).filter(|k| readings.valid[*k]).map(of);
+    let ambient = if readings.unknown.ambient {
+        let normal: Matrix3<f64> = valid().map(|(_, a, w)| a * a.transpose() * w).sum();
+        let right: Vector3<f64> = valid().map(|(z, a, w)| a * (w * z)).sum();
+        normal.cholesky().map_or_else(Vector3::zeros, |factor| factor.solve(&right))
+    } else {
+        Vector3::zeros()
+    };
+    valid().map(|(z, a, w)| w * (z - a.dot(&ambient)).powi(2)).sum()
 }
 
 impl FrontEnd for MagneticFrontEnd {
@@ -329,15 +353,17 @@ impl FrontEnd for MagneticFrontEnd {
         if self.output == Output::Flux && prior.is_some() && count > 0 {
             return Ok(self.measured(&reading, model, None, true));
         }
-        if count <= FREEDOM {
+        let freedom = self.unknown.freedom();
+        if count <= freedom {
             let why = format!(
-                "{count} valid channels; a pose of {FREEDOM} degrees of freedom needs {} at least",
-                FREEDOM + 1
+                "{count} valid channels; a pose of {freedom} degrees of freedom needs {} at least",
+                freedom + 1
             );
             return Ok(refused(&why));
         }
         let variance: Vec<f64> = flux.iter().map(|z| model.variance(*z)).collect();
-        let readings = Readings { flux_tesla: flux, valid, variance_tesla2: &variance };
+        let readings =
+            Readings { flux_tesla: flux, valid, variance_tesla2: &variance, unknown: self.unknown };
         let world_from_array = reading.known_poses.get("array").copied().unwrap_or_else(Isometry3::identity);
         let Some(found) = self.search(&model, readings, &world_from_array, prior) else {
             return Ok(refused("no start led to a finite likelihood"));

@@ -74,6 +74,14 @@ impl Modality for Magnetic {
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
         let table: OptionsTable = options.parse_sourced(&OPTIONS_SOURCES)?;
+        for (key, asked) in
+            [("unknown_strength", table.unknown_strength), ("unknown_ambient", table.unknown_ambient)]
+        {
+            if asked && table.front_end != front_end::Output::Pose {
+                let message = "only `front_end = \"pose\"` solves for it; the filter has no state for it yet";
+                return Err(options.error_at(key, message).into());
+            }
+        }
         Ok(Estimator::of_front_end(MagneticFrontEnd::new(setup.sensor.clone(), &opened, &table)))
     }
 

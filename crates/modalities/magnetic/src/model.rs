@@ -3,7 +3,9 @@
 //! Residual `z_k - h_k` over the valid channels, Jacobian by `[δp_world, δθ_capsule]`, independent noise
 //! `σ_k² = σ² + (ε z_k)²` with ε the relative model error that the estimator allows for.
 
+use crate::bound::inverse_of_information;
 use crate::channels::{Channels, Prediction};
+use crate::solver::Unknown;
 use lumenav_core::fix::FixModel;
 use lumenav_core::{
     Frame, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part, StateView,
@@ -25,6 +27,8 @@ pub struct FluxModel {
     pub noise_tesla: f64,
     /// Assumed relative model error.
     pub relative_error: f64,
+    /// What the estimator does not know beside the pose: it takes from the information.
+    pub unknown: Unknown,
 }
 
 impl FluxModel {
@@ -82,7 +86,25 @@ impl MeasurementModel for FluxModel {
             let weight = if valid[k] { 1.0 / self.variance(predicted[k]).sqrt() } else { 0.0 };
             jacobian.row_mut(k).scale_mut(weight);
         }
-        Ok(Some(jacobian.tr_mul(&jacobian)))
+        let information = jacobian.tr_mul(&jacobian);
+        if self.unknown == Unknown::default() {
+            return Ok(Some(information));
+        }
+        let mut nuisance = DMatrix::zeros(flux.len(), self.unknown.count());
+        for (k, channel) in self.channels.channels.iter().enumerate().filter(|(k, _)| valid[*k]) {
+            let weight = 1.0 / self.variance(predicted[k]).sqrt();
+            let strength = self.unknown.strength.then_some(predicted[k]);
+            let ambient = channel.axis_world.iter().copied().filter(|_| self.unknown.ambient);
+            for (i, value) in strength.into_iter().chain(ambient).enumerate() {
+                nuisance[(k, i)] = weight * value;
+            }
+        }
+        // Nothing is known of the pose where nothing tells what else is unknown.
+        let Some(covariance) = inverse_of_information(&nuisance) else {
+            return Ok(Some(DMatrix::zeros(6, 6)));
+        };
+        let mixed = jacobian.tr_mul(&nuisance);
+        Ok(Some(information - &mixed * covariance * mixed.transpose()))
     }
 
     fn strongly_nonlinear(&self) -> bool {

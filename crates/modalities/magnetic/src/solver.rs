@@ -7,6 +7,15 @@
 //! From two opposite starts the right pose is reached from every pose of the reference workspace (`moussakhani2012`'s array;
 //! 2,000 random poses, see the tests): the axis of a dipole is the one thing a poor start gets wrong.
 //!
+//! A strength s or an ambient field b that nobody knows enters linearly, `z = s h(p, u) + A b` with the channels' axes as rows of A, and is
+//! solved for at every pose (variable projection; Kaufman 1975): with N = [h, A] the columns of what is unknown and W the weights,
+//!
+//! ```text
+//! c = (NᵀWN)⁻¹ NᵀWz        r = z - N c        gradient = s JᵀW r        matrix = s² (JᵀWJ - JᵀWN (NᵀWN)⁻¹ NᵀWJ)
+//! ```
+//!
+//! which is the pose's own Fisher information with the unknown ones beside it. A negative strength is the opposite axis.
+//!
 //! Some arrays see two poses that fit equally (single-axis sensors in one plane: the pose and its mirror image; very few
 //! channels): [`solve_from_all`] hands the second out as a rival, so that nobody takes a coin's toss for a fix.
 
@@ -34,6 +43,31 @@ const MIN_DAMPING_FACTOR: f64 = 0.1;
 /// A second pose within this of the best χ² (five standard deviations of one residual) explains the reading as well.
 const RIVAL_CHI_SQUARE: f64 = 25.0;
 
+/// What is unknown beside the pose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Unknown {
+    /// The magnet's strength.
+    pub strength: bool,
+    /// A uniform field beside the magnet's.
+    pub ambient: bool,
+}
+
+impl Unknown {
+    /// How many numbers that are.
+    pub fn count(self) -> usize {
+        usize::from(self.strength) + 3 * usize::from(self.ambient)
+    }
+
+    /// Degrees of freedom with those of the pose.
+    pub fn freedom(self) -> usize {
+        FREEDOM + self.count()
+    }
+}
+
+/// Columns of what is unknown at most: strength and ambient field. Those that are known hold a one on the diagonal and nothing beside it.
+type Matrix4 = SMatrix<f64, 4, 4>;
+type Vector4 = SVector<f64, 4>;
+
 /// What a solve found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
@@ -43,6 +77,12 @@ pub struct Solution {
     pub chi_square: f64,
     /// Fisher information of `[δp_world, t₁, t₂]` at the solution, with the tangent basis of its axis.
     pub information: Matrix5,
+    /// The magnet's strength over that of the source; 1 where it is known.
+    pub strength: f64,
+    /// The ambient field, T; zero where it is known.
+    pub ambient_tesla: Vector3<f64>,
+    /// Degrees of freedom, what is unknown beside the pose with them.
+    pub freedom: usize,
     /// Valid channels.
     pub channels: usize,
     /// Steps taken.
@@ -54,8 +94,8 @@ pub struct Solution {
 impl Solution {
     /// χ² per degree of freedom; infinite where no channel is left over.
     pub fn reduced_chi_square(&self) -> f64 {
-        if self.channels > FREEDOM {
-            self.chi_square / (self.channels - FREEDOM) as f64
+        if self.channels > self.freedom {
+            self.chi_square / (self.channels - self.freedom) as f64
         } else {
             f64::INFINITY
         }
@@ -71,6 +111,8 @@ pub struct Readings<'a> {
     pub valid: &'a [bool],
     /// Noise variance per channel, T².
     pub variance_tesla2: &'a [f64],
+    /// What is unknown beside the pose.
+    pub unknown: Unknown,
 }
 
 /// Buffers of a solver; one per front end.
@@ -84,6 +126,53 @@ struct Normal {
     matrix: Matrix5,
     gradient: Vector5,
     chi_square: f64,
+    strength: f64,
+    ambient_tesla: Vector3<f64>,
+}
+
+/// The linear unknowns at one pose, and how the pose's rows lean on them.
+struct Linear {
+    inverse: Matrix4,
+    by_pose: SMatrix<f64, 4, 5>,
+    coefficients: Vector4,
+}
+
+/// The columns of what is unknown in one channel.
+fn column(unknown: Unknown, flux: f64, axis: &Vector3<f64>) -> Vector4 {
+    let axis = if unknown.ambient { *axis } else { Vector3::zeros() };
+    Vector4::new(if unknown.strength { flux } else { 0.0 }, axis.x, axis.y, axis.z)
+}
+
+/// Solves for what is unknown; `None` where the readings do not tell it.
+fn solve_linear(
+    channels: &Channels,
+    prediction: &Prediction,
+    readings: Readings<'_>,
+    (e1, e2): (&Vector3<f64>, &Vector3<f64>),
+) -> Option<Linear> {
+    let unknown = readings.unknown;
+    let mut normal = Matrix4::zeros();
+    let mut by_pose = SMatrix::<f64, 4, 5>::zeros();
+    let mut right = Vector4::zeros();
+    for k in (0..readings.flux_tesla.len()).filter(|k| readings.valid[*k]) {
+        let (p, a) = (&prediction.by_position[k], &prediction.by_axis[k]);
+        let n = column(unknown, prediction.flux_tesla[k], &channels.channels[k].axis_world);
+        let weighted = n / readings.variance_tesla2[k];
+        let known = if unknown.strength { 0.0 } else { prediction.flux_tesla[k] };
+        normal += weighted * n.transpose();
+        by_pose += weighted * Vector5::from([p.x, p.y, p.z, a.dot(e1), a.dot(e2)]).transpose();
+        right += weighted * (readings.flux_tesla[k] - known);
+    }
+    for i in 0..4 {
+        if (i == 0 && !unknown.strength) || (i > 0 && !unknown.ambient) {
+            normal[(i, i)] = 1.0;
+        }
+    }
+    // Tesla and a relative strength differ by orders of magnitude.
+    let scale = normal.diagonal().map(|d| 1.0 / d.max(f64::MIN_POSITIVE).sqrt());
+    let scaling = Matrix4::from_diagonal(&scale);
+    let inverse = scaling * (scaling * normal * scaling).cholesky()?.inverse() * scaling;
+    Some(Linear { coefficients: inverse * right, inverse, by_pose })
 }
 
 fn normal_equations(
@@ -96,16 +185,36 @@ fn normal_equations(
     let prediction = &mut workspace.prediction;
     channels.predict(source, magnet, prediction);
     let (e1, e2) = tangent_basis(&magnet.axis_world);
-    let mut normal = Normal { matrix: Matrix5::zeros(), gradient: Vector5::zeros(), chi_square: 0.0 };
+    let mut normal = Normal {
+        matrix: Matrix5::zeros(),
+        gradient: Vector5::zeros(),
+        chi_square: 0.0,
+        strength: 1.0,
+        ambient_tesla: Vector3::zeros(),
+    };
+    let mut linear = None;
+    if readings.unknown != Unknown::default() {
+        match solve_linear(channels, prediction, readings, (&e1, &e2)) {
+            Some(solved) => {
+                let c = &solved.coefficients;
+                normal.strength = if readings.unknown.strength { c[0] } else { 1.0 };
+                normal.ambient_tesla = Vector3::new(c[1], c[2], c[3]);
+                linear = Some(solved);
+            }
+            // Nothing tells what is unknown: as far away as any pose can be.
+            None => normal.chi_square = f64::INFINITY,
+        }
+    }
+    let (strength, ambient) = (normal.strength, normal.ambient_tesla);
     let rows = prediction.flux_tesla.iter().zip(&prediction.by_position).zip(&prediction.by_axis);
     let observed = readings.flux_tesla.iter().zip(readings.valid).zip(readings.variance_tesla2);
-    for (((flux, p), a), ((seen, valid), variance)) in rows.zip(observed) {
+    for ((((flux, p), a), ((seen, valid), variance)), channel) in rows.zip(observed).zip(&channels.channels) {
         if !valid {
             continue;
         }
         let weight = 1.0 / variance;
-        let residual = seen - flux;
-        let row = [p.x, p.y, p.z, a.dot(&e1), a.dot(&e2)];
+        let residual = seen - strength * flux - ambient.dot(&channel.axis_world);
+        let row = [p.x, p.y, p.z, a.dot(&e1), a.dot(&e2)].map(|v| strength * v);
         normal.chi_square += weight * residual * residual;
         for j in 0..5 {
             let scaled = weight * row[j];
@@ -116,6 +225,9 @@ fn normal_equations(
         }
     }
     normal.matrix.fill_lower_triangle_with_upper_triangle();
+    if let Some(linear) = linear {
+        normal.matrix -= linear.by_pose.transpose() * linear.inverse * linear.by_pose * strength.powi(2);
+    }
     normal
 }
 
@@ -162,8 +274,16 @@ pub fn solve(
             }
         }
     }
+    // The opposite axis with the opposite strength is the same field.
+    if normal.strength < 0.0 {
+        magnet.axis_world = -magnet.axis_world;
+        normal = normal_equations(channels, source, &magnet, readings, workspace);
+    }
     Solution {
         magnet,
+        strength: normal.strength,
+        ambient_tesla: normal.ambient_tesla,
+        freedom: readings.unknown.freedom(),
         chi_square: normal.chi_square,
         information: normal.matrix,
         channels: readings.valid.iter().filter(|v| **v).count(),

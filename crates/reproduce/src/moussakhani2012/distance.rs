@@ -58,12 +58,13 @@ pub(crate) fn run(_context: &Context<'_>, mut table: Table) -> Result<Table, Rep
                 table.rows.push(claim(named("largest"), "", Claim::AtMost(5.0), most, ""));
             }
             let largest = largest_ratio(side, known)?;
+            let why = if largest < 1.0 { "c stays below a at every height" } else { "c rises above a" };
             table.rows.push(claim(
                 format!("largest c/a from 0.05 to 5 m, N = {n}, {variant} (a crossing claimed)"),
                 "",
                 Claim::AtLeast(1.0),
                 largest,
-                "c stays below a at every height",
+                why,
             ));
         }
     }

@@ -5,7 +5,7 @@
 //! with 16 sensors.
 
 use super::network::{Claim, HEIGHT_M, VARIANTS, bound_at, bound_axis, claim, figure, grid, line, set_up};
-use super::trials::{Case, efficiency, not_found};
+use super::trials::{Case, Efficiency, efficiency, not_found};
 use crate::ReproduceError;
 use crate::context::Context;
 use crate::table::{Row, Table};
@@ -44,14 +44,17 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     claims(&mut table)?;
     let (trials, poses) = (context.size.pick(TRIALS, QUICK_TRIALS), context.size.pick(POSES, QUICK_POSES));
     table.set("maximum likelihood", format!("{trials} readings a case and seed, two starts, strength known"));
-    likelihood(context, &mut table, trials)?;
+    let tried = likelihood(context, trials)?;
+    for case in &tried {
+        table.rows.extend(case.rows());
+    }
     let missed: Result<Vec<f64>, ReproduceError> =
         context.seeds.iter().map(|seed| not_found(context, poses, *seed).map(|n| n as f64)).collect();
     let row = Row::new(format!("poses of {poses} that two starts do not find, worst seed"), "", None);
     let row = row.ours_worst("maximum likelihood", &missed?).goal("maximum likelihood", 0.0);
     table.rows.push(row.not_comparable("the source does not tell"));
     table.figures.push(figure(vec![
-        panel("grid", &|side| grid(side, 0.0))?,
+        with_likelihood(panel("grid", &|side| grid(side, 0.0))?, &tried),
         panel("line", &|side| line(side * side))?,
     ])?);
     Ok(table)
@@ -103,34 +106,84 @@ fn claims(table: &mut Table) -> Result<(), ReproduceError> {
     Ok(())
 }
 
-fn likelihood(context: &Context<'_>, table: &mut Table, trials: usize) -> Result<(), ReproduceError> {
+/// A network and a magnet, and what maximum likelihood made of it with each seed.
+struct Tried {
+    case: Case,
+    how: &'static str,
+    found: Vec<Efficiency>,
+}
+
+const ABOVE: &str = "above the middle";
+
+fn likelihood(context: &Context<'_>, trials: usize) -> Result<Vec<Tried>, ReproduceError> {
     let slanted = Case { side: 4, place_m: Vector3::new(0.1, -0.15, 0.3), axis: Vector3::new(1.0, 1.0, 1.0) };
     let upright = |side: usize| Case { side, place_m: ABOVE_M, axis: Vector3::z() };
-    for (case, how) in [
-        (upright(3), "above the middle"),
-        (upright(4), "above the middle"),
+    let cases = [
+        (upright(3), ABOVE),
+        (upright(4), ABOVE),
         (slanted, "aside and slanted"),
-        (upright(6), "above the middle"),
-        (upright(10), "above the middle"),
-    ] {
-        let mut norms = Vec::new();
-        let mut axes = Vec::new();
-        for seed in &context.seeds {
-            let found = efficiency(context, &case, trials, *seed)?;
-            norms.push((found.norm - 1.0).abs());
-            axes.push(found.axes.iter().map(|r| (r - 1.0).abs()).fold(0.0, f64::max));
-        }
-        let n = case.side * case.side;
-        for (what, values, within) in
-            [("norm", &norms, NORM_WITHIN), ("a, b or c, the one furthest off", &axes, AXIS_WITHIN)]
-        {
-            let quantity = format!("distance from 1 of error over bound, {what}, N = {n}, {how}, worst seed");
-            let row = Row::new(quantity, "", None).ours_worst("maximum likelihood", values);
-            let row = row.goal("maximum likelihood", within);
-            table.rows.push(row.not_comparable("the source shows a curve near the bound, without numbers"));
-        }
+        (upright(6), ABOVE),
+        (upright(10), ABOVE),
+    ];
+    let of = |(case, how)| -> Result<Tried, ReproduceError> {
+        let found: Result<Vec<Efficiency>, ReproduceError> =
+            context.seeds.iter().map(|seed| efficiency(context, &case, trials, *seed)).collect();
+        Ok(Tried { case, how, found: found? })
+    };
+    cases.into_iter().map(of).collect()
+}
+
+impl Tried {
+    fn sensors(&self) -> usize {
+        self.case.side * self.case.side
     }
-    Ok(())
+
+    fn mean_of(&self, value: &dyn Fn(&Efficiency) -> f64) -> f64 {
+        self.found.iter().map(value).sum::<f64>() / self.found.len() as f64
+    }
+
+    /// A goal is an upper limit, so the rows hold distances from one; the ratios themselves, which tell too good from too bad, stand in
+    /// words beside them.
+    fn rows(&self) -> [Row; 2] {
+        let norm = |found: &Efficiency| (found.norm - 1.0).abs();
+        let axis = |found: &Efficiency| found.axes.iter().map(|r| (r - 1.0).abs()).fold(0.0, f64::max);
+        let [a, b, c] = [0, 1, 2].map(|i| self.mean_of(&|found| found.axes[i]));
+        let of_norm = format!("error over bound {:.4}", self.mean_of(&|found| found.norm));
+        let of_axes = format!("error over bound of a {a:.4}, b {b:.4}, c {c:.4}");
+        [
+            self.row("norm", &norm, NORM_WITHIN, &of_norm),
+            self.row("a, b or c, the one furthest off", &axis, AXIS_WITHIN, &of_axes),
+        ]
+    }
+
+    fn row(&self, what: &str, value: &dyn Fn(&Efficiency) -> f64, within: f64, ratios: &str) -> Row {
+        let (n, how) = (self.sensors(), self.how);
+        let quantity = format!("distance from 1 of error over bound, {what}, N = {n}, {how}, worst seed");
+        let values: Vec<f64> = self.found.iter().map(value).collect();
+        let row = Row::new(quantity, "", None).ours_worst("maximum likelihood", &values);
+        let why =
+            format!("{ratios} (mean of the seeds); the source shows a curve near the bound, without numbers");
+        row.goal("maximum likelihood", within).not_comparable(&why)
+    }
+
+    /// Root mean square error along one axis over all seeds, mm.
+    fn rms_mm(&self, axis: usize) -> f64 {
+        1e3 * self.mean_of(&|found| found.rms_m[axis].powi(2)).sqrt()
+    }
+}
+
+/// The errors of maximum likelihood as crosses on the curves of the bound.
+fn with_likelihood(panel: Panel, tried: &[Tried]) -> Panel {
+    // These indices give crosses in the colours of the curves of a and of c with known strength.
+    [(14, 0, "a, maximum likelihood"), (9, 2, "c, maximum likelihood")].into_iter().fold(
+        panel,
+        |panel, (index, axis, name)| {
+            let upright = tried.iter().filter(|tried| tried.how == ABOVE);
+            let points: Vec<(f64, f64)> =
+                upright.map(|tried| (tried.sensors() as f64, tried.rms_mm(axis))).collect();
+            panel.with(Series::ours(index, name).symbols().points(&points))
+        },
+    )
 }
 
 fn panel(title: &str, network: &dyn Fn(usize) -> Vec<Vector3<f64>>) -> Result<Panel, ReproduceError> {
@@ -232,9 +285,9 @@ mod tests {
         assert!((of(&planes, "b above one plane over two coincident").0 - 2.0_f64.sqrt()).abs() < 1e-9);
         assert!((of(&planes, "b above two coincident planes over two facing").0 - 2.87).abs() < 0.006);
         assert_eq!(of(&planes, "asymmetry of two facing planes").1, Verdict::Reproduced);
-        assert!(
-            (of(&planes, "asymmetry of two coincident").0 / 100.0 - (7.133575 / 5.005706 - 1.0)).abs() < 0.02
-        );
+        // The study's largest at its own seven places; the curve has places between them, where it is a little larger.
+        let asymmetry = of(&planes, "asymmetry of two coincident").0 / 100.0;
+        assert!((0.0..0.01).contains(&(asymmetry - (7.133575 / 5.005706 - 1.0))), "{asymmetry}");
     }
 
     #[test]

@@ -28,12 +28,14 @@ pub(super) struct Case {
     pub(super) axis: Vector3<f64>,
 }
 
-/// Root mean square errors over the bound.
+/// Root mean square errors, and these over the bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Efficiency {
-    /// Along a, b, c.
+    /// Root mean square errors of a, b, c, m.
+    pub(super) rms_m: Vector3<f64>,
+    /// Over the bound, along a, b, c.
     pub(super) axes: [f64; 3],
-    /// Of the norm.
+    /// Over the bound, of the norm.
     pub(super) norm: f64,
 }
 
@@ -54,7 +56,12 @@ fn search(
         *value += SIGMA_TESLA * noise;
     }
     let (valid, variance) = (vec![true; flux.len()], vec![SIGMA_TESLA.powi(2); flux.len()]);
-    let readings = Readings { flux_tesla: &flux, valid: &valid, variance_tesla2: &variance };
+    let readings = Readings {
+        flux_tesla: &flux,
+        valid: &valid,
+        variance_tesla2: &variance,
+        unknown: lumenav_magnetic::solver::Unknown::default(),
+    };
     let starts =
         [Vector3::z(), -Vector3::z()].map(|axis_world| MagnetPose { position_world_m: START_M, axis_world });
     solve_from_all(channels, &source(), readings, &starts, space)
@@ -89,6 +96,7 @@ pub(super) fn efficiency(
     let bound = bound_at(&sensors, case.place_m, case.axis, true)?;
     let sigma = bound.position_sigma_m();
     Ok(Efficiency {
+        rms_m: mean.map(f64::sqrt),
         axes: [0, 1, 2].map(|i| mean[i].sqrt() / sigma[i]),
         norm: mean.sum().sqrt() / bound.position_norm_m(),
     })

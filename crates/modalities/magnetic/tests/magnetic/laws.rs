@@ -53,6 +53,7 @@ fn flux_model(source: FieldSource, offset_capsule_m: Vector3<f64>) -> FluxModel 
         offset_capsule_m,
         noise_tesla: SIGMA_TESLA,
         relative_error: 0.01,
+        unknown: lumenav_magnetic::solver::Unknown::default(),
     }
 }
 

@@ -6,7 +6,7 @@ use lumenav_fields::FieldSource;
 use lumenav_magnetic::array::SensorArray;
 use lumenav_magnetic::bound::bound;
 use lumenav_magnetic::channels::{Channels, MagnetPose};
-use lumenav_magnetic::solver::{Readings, Search, Workspace, solve, solve_from_all};
+use lumenav_magnetic::solver::{Readings, Search, Unknown, Workspace, solve, solve_from_all};
 use nalgebra::{Isometry3, Vector3};
 
 fn both_ways(position_world_m: Vector3<f64>) -> [MagnetPose; 2] {
@@ -15,7 +15,8 @@ fn both_ways(position_world_m: Vector3<f64>) -> [MagnetPose; 2] {
 
 fn search(channels: &Channels, source: &FieldSource, flux: &[f64], starts: &[MagnetPose]) -> Search {
     let (valid, variance) = (vec![true; flux.len()], vec![SIGMA_TESLA.powi(2); flux.len()]);
-    let readings = Readings { flux_tesla: flux, valid: &valid, variance_tesla2: &variance };
+    let readings =
+        Readings { flux_tesla: flux, valid: &valid, variance_tesla2: &variance, unknown: Unknown::default() };
     solve_from_all(channels, source, readings, starts, &mut Workspace::default()).unwrap()
 }
 
@@ -145,7 +146,12 @@ fn regress_a_stiff_start_is_not_taken_for_the_end() {
     let mut flux = Vec::new();
     channels.flux(&dipole(), &truth, &mut flux);
     let (valid, variance) = (vec![true; 48], vec![SIGMA_TESLA.powi(2); 48]);
-    let readings = Readings { flux_tesla: &flux, valid: &valid, variance_tesla2: &variance };
+    let readings = Readings {
+        flux_tesla: &flux,
+        valid: &valid,
+        variance_tesla2: &variance,
+        unknown: Unknown::default(),
+    };
     let mut random = stream("far", 0);
     for _ in 0..300 {
         let start =
@@ -157,5 +163,83 @@ fn regress_a_stiff_start_is_not_taken_for_the_end() {
             // Either the truth, or a true local minimum whose χ² says that it is none.
             assert!(near || found.chi_square > 1e3, "{gradient_left} {found:?}");
         }
+    }
+}
+
+/// A magnet 3 % stronger than the model says, in half the Earth's field: solved for with the pose, its error is that of the bound with
+/// as much unknown; taken for known, it is not. 150 readings at each of three poses.
+#[test]
+fn law_an_unknown_strength_and_field_are_solved_for_at_their_bound() {
+    let channels = grid(4).channels(&Isometry3::identity());
+    let ambient = Vector3::new(1.2e-5, -2.0e-5, 0.8e-5);
+    let FieldSource::Dipole { strength_t_m3 } = dipole() else { panic!("a dipole") };
+    let stronger = FieldSource::Dipole { strength_t_m3: 1.03 * strength_t_m3 };
+    let unknown = Unknown { strength: true, ambient: true };
+    // Opposite axes are one start where the strength's sign is solved for; and a far, strong magnet is a valley of its own.
+    let places = [[0.0, 0.0], [0.15, 0.15], [0.15, -0.15], [-0.15, 0.15], [-0.15, -0.15]];
+    let starts: Vec<MagnetPose> = places
+        .into_iter()
+        .flat_map(|[x, y]| {
+            [Vector3::x(), Vector3::y(), Vector3::z()]
+                .map(|axis_world| MagnetPose { position_world_m: Vector3::new(x, y, 0.2), axis_world })
+        })
+        .collect();
+    let mut squared = 0.0;
+    let mut trials = 0.0;
+    for pose in 0..3 {
+        let truth = magnet_of(&workspace_pose(&mut stream("unknown-pose", pose)));
+        for trial in 0..150 {
+            let mut flux =
+                noisy(&channels, &stronger, &truth, SIGMA_TESLA, &mut stream("unknown", 1000 * pose + trial));
+            for (z, channel) in flux.iter_mut().zip(&channels.channels) {
+                *z += ambient.dot(&channel.axis_world);
+            }
+            let (valid, variance) = (vec![true; flux.len()], vec![SIGMA_TESLA.powi(2); flux.len()]);
+            let readings = Readings { flux_tesla: &flux, valid: &valid, variance_tesla2: &variance, unknown };
+            let found = solve_from_all(&channels, &dipole(), readings, &starts, &mut Workspace::default())
+                .unwrap()
+                .best;
+            assert!(found.converged, "pose {pose}, trial {trial}");
+            assert_eq!(found.freedom, 9);
+            let error = found.magnet.position_world_m - truth.position_world_m;
+            let turn = found.magnet.axis_world - truth.axis_world;
+            let (e1, e2) = lumenav_core::pose::tangent_basis(&found.magnet.axis_world);
+            let error =
+                nalgebra::SVector::<f64, 5>::from([error.x, error.y, error.z, turn.dot(&e1), turn.dot(&e2)]);
+            squared += error.dot(&(found.information * error)) / 5.0;
+            trials += 1.0;
+            assert!((found.strength / 1.03 - 1.0).abs() < 0.2, "{}", found.strength);
+            assert!((found.ambient_tesla - ambient).norm() < 3e-7, "{:?}", found.ambient_tesla);
+            if trial == 0 {
+                let blind = Readings { unknown: Unknown::default(), ..readings };
+                let fooled =
+                    solve_from_all(&channels, &dipole(), blind, &starts, &mut Workspace::default()).unwrap();
+                assert!(fooled.best.reduced_chi_square() > 100.0);
+            }
+        }
+    }
+    let nees = squared / trials;
+    println!("figure: NEES/dof with strength and field unknown {nees:.3}");
+    // Standard error √(2/5/450) = 3 %.
+    assert!((nees - 1.0).abs() < 0.09, "{nees}");
+}
+
+/// The information with a strength that is unknown is that of the bound.
+#[test]
+fn law_the_information_is_that_of_the_bound_with_as_much_unknown() {
+    let channels = grid(4).channels(&Isometry3::identity());
+    for pose in 0..20 {
+        let truth = magnet_of(&workspace_pose(&mut stream("unknown-bound", pose)));
+        let mut flux = Vec::new();
+        channels.flux(&dipole(), &truth, &mut flux);
+        let (valid, variance) = (vec![true; flux.len()], vec![SIGMA_TESLA.powi(2); flux.len()]);
+        let unknown = Unknown { strength: true, ambient: false };
+        let readings = Readings { flux_tesla: &flux, valid: &valid, variance_tesla2: &variance, unknown };
+        let found = solve(&channels, &dipole(), readings, &truth, &mut Workspace::default());
+        let covariance = found.information.cholesky().unwrap().inverse();
+        let ours = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let wanted = bound(&channels, &dipole(), &truth, SIGMA_TESLA, false).unwrap().position_m2;
+        assert!((ours - wanted).norm() < 1e-6 * wanted.norm(), "pose {pose}");
+        assert!((found.strength - 1.0).abs() < 1e-9);
     }
 }
