@@ -167,3 +167,22 @@ fn law_what_is_not_seen_is_infinite_in_words() {
     let judged = json(&folder.path().join("evaluation.json"));
     assert_eq!((judged["rms_mm"].clone(), judged["poses_without_bound"].clone()), (Value::Null, 189.into()));
 }
+
+/// A search of a hundred thousand starts is stopped after five seconds: the best layout so far is there, whole, and says that it is no end.
+#[cfg(unix)]
+#[test]
+fn law_ctrl_c_keeps_the_best_layout_so_far() {
+    let folder = scratch();
+    let mut child = layout("optimize", "scenarios/layout/planes-candidates.toml", folder.path())
+        .args(["--set", "layout.optimize.starts=100000", "--set", "layout.workspace.z_mm=[250]", "-q"])
+        .spawn()
+        .expect("the program starts");
+    std::thread::sleep(std::time::Duration::from_secs(5));
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill exists");
+    assert!(sent.success());
+    assert_eq!(child.wait().expect("it ends").code(), Some(130));
+    let found = json(&folder.path().join("optimization.json"));
+    assert_eq!((&found["stopped"], &found["lower_bound"]), (&Value::Bool(true), &Value::Null));
+    assert!(found["found"].as_f64() < found["installed"].as_f64());
+    assert!(folder.path().join("array.toml").is_file());
+}

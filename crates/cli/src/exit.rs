@@ -24,7 +24,10 @@ pub fn was_stopped(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         matches!(cause.downcast_ref::<RunError>(), Some(RunError::Stopped { .. }))
             || matches!(cause.downcast_ref::<ReproduceError>(), Some(ReproduceError::Stopped { .. }))
-            || matches!(cause.downcast_ref::<LayoutError>(), Some(LayoutError::Stopped))
+            || matches!(
+                cause.downcast_ref::<LayoutError>(),
+                Some(LayoutError::Stopped | LayoutError::Interrupted)
+            )
     })
 }
 
@@ -37,7 +40,9 @@ pub fn code_of(error: &anyhow::Error) -> ExitCode {
             || cause.is::<lumenav::core::ConfigError>()
             || cause.downcast_ref::<ScenarioError>().is_some_and(of_scenario)
             || matches!(cause.downcast_ref::<ReproduceError>(), Some(ReproduceError::Config(_)))
-            || cause.downcast_ref::<LayoutError>().is_some_and(|e| !matches!(e, LayoutError::Stopped))
+            || cause
+                .downcast_ref::<LayoutError>()
+                .is_some_and(|e| !matches!(e, LayoutError::Stopped | LayoutError::Interrupted))
             || match cause.downcast_ref::<RunError>() {
                 Some(RunError::Config(_) | RunError::Modality(_)) => true,
                 // Transparent: the chain goes past the inner error to its source.

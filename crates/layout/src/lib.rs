@@ -42,6 +42,9 @@ pub enum LayoutError {
     /// No layout of so many elements is possible.
     #[error("{0}")]
     Impossible(String),
+    /// Stopped, and what was found so far has been kept.
+    #[error("stopped; the best layout so far is kept")]
+    Interrupted,
     /// Stopped before anything was found.
     #[error("stopped before a first layout was found")]
     Stopped,

@@ -165,6 +165,7 @@ fn law_a_choice_is_better_than_the_regular_one_and_above_its_bound() {
         let is_near = if criterion == Criterion::D { shown - least < 0.6 } else { least > 0.85 * shown };
         assert!(least < shown && is_near, "{criterion:?} {least} {shown}");
         assert_eq!(bound_of(Criterion::Mean), None);
+        assert_eq!(lower_bound(&chosen.table, &model.prior(), 16, criterion, &|| true), None);
         // Kept apart, nothing gets below the bound either.
         let apart = Question { spacing_m: 0.1, ..question };
         let apart = choose(&apart, 16, &OneAfterAnother, &unwatched, &|| false).unwrap().found;

@@ -113,6 +113,12 @@ pub fn check(file: &ScenarioFile, registry: &Registry) -> Result<(), lumenav_pip
         Err(LayoutError::Config(error)) => Err((*error).into()),
         Err(LayoutError::Modality(error)) => Err(error.into()),
         // What can only be found by searching is not searched for here.
-        Ok(_) | Err(LayoutError::Dependent | LayoutError::Impossible(_) | LayoutError::Stopped) => Ok(()),
+        Ok(_)
+        | Err(
+            LayoutError::Dependent
+            | LayoutError::Impossible(_)
+            | LayoutError::Interrupted
+            | LayoutError::Stopped,
+        ) => Ok(()),
     }
 }

@@ -54,7 +54,7 @@ impl Convex {
 }
 
 /// A lower bound on the criterion of any choice of `count` candidates, in the criterion's unit; `None` where the criterion is not convex,
-/// or where no relaxation was found that sees every pose.
+/// where no relaxation was found that sees every pose, or where it was stopped.
 pub fn lower_bound(
     table: &InformationTable,
     prior: &[f64],
@@ -113,7 +113,10 @@ fn minimum(
         let here: f64 = gradient.iter().zip(&w).map(|(g, w)| g * w).sum();
         let there: f64 = corner.iter().map(|i| gradient[*i]).sum();
         bound = bound.max(value + there - here);
-        if stopped() || value - bound <= GAP * value.abs() {
+        if stopped() {
+            return None;
+        }
+        if value - bound <= GAP * value.abs() {
             break;
         }
         let mut v = vec![0.0; table.candidates];

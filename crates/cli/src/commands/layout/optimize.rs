@@ -6,6 +6,7 @@ use crate::files;
 use anyhow::bail;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use lumenav::OpenedLayout;
+use lumenav::layouts::LayoutError;
 use lumenav::layouts::optimize::exchange::choose;
 use lumenav::layouts::optimize::moving::shift;
 use lumenav::layouts::optimize::relaxation::lower_bound;
@@ -76,14 +77,13 @@ pub(super) fn optimize(job: &Job<'_>) -> anyhow::Result<()> {
     let json = serde_json::to_string_pretty(&report)? + "\n";
     let written = files::write(&out, &[(FILES[0], array), (FILES[1], json.clone())])?;
     if job.options.json {
-        return crate::output::print(format_args!("{json}"));
+        crate::output::print(format_args!("{json}"))?;
+    } else if job.verbosity != Verbosity::Quiet {
+        tell(&report)?;
+        let written: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
+        say!("{}", written.join("  "))?;
     }
-    if job.verbosity == Verbosity::Quiet {
-        return Ok(());
-    }
-    tell(&report)?;
-    let written: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
-    say!("{}", written.join("  "))
+    if stopped { Err(LayoutError::Interrupted.into()) } else { Ok(()) }
 }
 
 fn search_for(job: &Job<'_>, opened: &OpenedLayout, question: &Question<'_>) -> anyhow::Result<Result> {
@@ -149,11 +149,11 @@ fn tell(report: &Report) -> anyhow::Result<()> {
     say!("{}", show::table(&report.setting, &columns))?;
     let stopped = if report.stopped { "; stopped, the best so far" } else { "" };
     say!(
-        "{} {:.4} {} (start {} of {}{stopped})",
+        "{} {:.4} {} (start {}, {} starts came to a layout{stopped})",
         report.criterion,
         report.found,
         report.unit,
-        report.best_start,
+        report.best_start + 1,
         report.starts
     )?;
     if let Some(unusable) = report.unusable_candidates.filter(|n| *n > 0) {
@@ -168,7 +168,7 @@ fn tell(report: &Report) -> anyhow::Result<()> {
             100.0 * (1.0 - bound / report.found)
         ),
         Some(bound) => say!("no choice of as many candidates gets below {bound:.4} {}", report.unit),
-        None => say!("how far from optimal this is, is not known: there is no lower bound for this search"),
+        None => say!("how far from optimal this is, is not known: no lower bound for this search"),
     }
 }
 
