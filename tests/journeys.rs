@@ -639,7 +639,8 @@ fn published_magnet_patch_cylinder_and_dipole() {
         .expect("the program starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let metrics: Metrics = read_json(&out.join("metrics.json")).expect("the contract");
-    for (track, limit_mm) in [("cylinder", 0.10), ("dipole", 0.17)] {
+    // With strength and field carried from reading to reading it is as good as with both known; alone each reading tells less of them.
+    for (track, limit_mm) in [("cylinder", 0.10), ("dipole", 0.17), ("cylinder-unknown", 0.12)] {
         let t = &metrics.tracks[track];
         let error = t.position_error_mm.as_ref().expect("there is a reference");
         assert_eq!(t.updates, 189, "{track}: every pose of the three series is solved");

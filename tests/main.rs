@@ -22,6 +22,8 @@ mod bed;
 mod seam;
 // Published claims and fixtures at the level of whole runs.
 mod published;
+// Arrays that are not as installed: carried, cancelled, calibrated.
+mod unknowns;
 // Filters start from data, never from truth.
 mod truth_leak;
 

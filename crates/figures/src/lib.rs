@@ -26,7 +26,7 @@ mod symbol;
 mod ticks;
 
 pub use figure::{Axis, Dash, Figure, Kind, Panel, Point, Scale, Series, Style, Symbol};
-pub use map::{Map, Maps};
+pub use map::{Map, Maps, viridis};
 
 /// What keeps a figure from being drawn.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

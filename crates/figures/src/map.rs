@@ -75,15 +75,20 @@ fn edges(middles: &[f64]) -> Vec<f64> {
     first.into_iter().chain(middles.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]))).chain(last).collect()
 }
 
-/// The colour of a share from 0 to 1.
-fn colour(share: f64) -> RGBColor {
+/// The colour of a share from 0 to 1 as red, green and blue: viridis.
+pub fn viridis(share: f64) -> [u8; 3] {
     let at = share.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
     let k = (at.floor() as usize).min(VIRIDIS.len() - 2);
     let mix = |i: usize| {
         let (a, b) = (f64::from(VIRIDIS[k][i]), f64::from(VIRIDIS[k + 1][i]));
         (a + (at - k as f64) * (b - a)).round() as u8
     };
-    RGBColor(mix(0), mix(1), mix(2))
+    [mix(0), mix(1), mix(2)]
+}
+
+fn colour(share: f64) -> RGBColor {
+    let [red, green, blue] = viridis(share);
+    RGBColor(red, green, blue)
 }
 
 impl Maps {

@@ -11,6 +11,7 @@ use crate::belief::{Belief, POSE, RATE, correction_jacobian};
 use crate::dense::{dot, mirror_lower};
 use lumenav_core::{Linearization, ModalityError, Noise, NominalState, Part};
 use nalgebra::{DMatrix, DVector};
+use std::ops::AddAssign as _;
 
 /// A linearised measurement reduced to the columns it touches.
 #[derive(Clone, Debug)]
@@ -55,12 +56,23 @@ impl Compressed {
             self.information.fixed_columns_mut::<3>(*at).copy_from(&columns);
             let gradient = jacobian.transpose() * self.gradient.fixed_rows::<3>(*at);
             self.gradient.fixed_rows_mut::<3>(*at).copy_from(&gradient);
+            if let Evidence::Residual { whitened, .. } = &mut self.evidence {
+                let columns = whitened.fixed_columns::<3>(*at) * jacobian;
+                whitened.fixed_columns_mut::<3>(*at).copy_from(&columns);
+            }
         }
         let touched = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|c| error[*c]));
         let curvature = &self.information * &touched;
-        if let Evidence::Information { log_likelihood } = &mut self.evidence {
+        match &mut self.evidence {
             // The parabola through the current state, at e = 0.
-            *log_likelihood -= self.gradient.dot(&touched) + 0.5 * curvature.dot(&touched);
+            Evidence::Information { log_likelihood } => {
+                *log_likelihood -= self.gradient.dot(&touched) + 0.5 * curvature.dot(&touched);
+            }
+            // The line through the current residual, at e = 0: `r + H e`.
+            Evidence::Residual { whitened, .. } => {
+                let there = whitened.columns(0, touched.len()) * &touched;
+                whitened.column_mut(touched.len()).add_assign(&there);
+            }
         }
         self.gradient += curvature;
     }

@@ -20,8 +20,9 @@
 //!
 //! Normalised innovation squared, residual form: `rᵀ S⁻¹ r = |R^(-1/2) (r - H C u)|² + |u|²` with `u = M⁻¹ Cᵀ b`: a sum of
 //! squares, where the difference `rᵀR⁻¹r - yᵀy` would lose its digits to a vague prior. As many degrees of freedom as
-//! readings. Information form: the squared distance of the peak of the likelihood from the prediction, with the rank of A;
-//! of an iterated model by its last linearization, as far from the peak a mixture's curvature says nothing of its width.
+//! readings. Information form: the squared distance of the peak of the likelihood from the prediction, with the rank of A.
+//! Of an iterated model by its last linearization, seen from the prediction (r + H e): far from the peak a mixture's curvature says nothing of
+//! its width, and a prediction that is vague over a curved model would be refused for the curve.
 //!
 //! Log-likelihood of the measurement given all before it, residual form: `-½ (rᵀS⁻¹r + ln det R + ln det M + m ln 2π)`;
 //! information form: `ℓ + ½ yᵀy - ½ ln det M` (Laplace), up to a constant of the measurement.
@@ -152,9 +153,7 @@ pub fn propose(
     if measurement.model.strongly_nonlinear() && max_iterations > 1 {
         let task = Iteration { belief, measurement, first: &compressed, gain: &gain };
         let last = task.run(&mut solution, max_iterations)?;
-        if matches!(last.evidence, Evidence::Information { .. }) {
-            innovation = innovation_of(&last, &gain, &solution);
-        }
+        innovation = innovation_of(&last, &gain, &solution);
     }
     let covariance = posterior(belief, &compressed.columns, &gain, &solution);
     Ok(Proposal { innovation, first, error: solution.error, covariance })

@@ -9,6 +9,7 @@
 //! | [`information`] | from an information to the bound of position and angle |
 //! | [`mod@evaluate`] | the map over the workspace, criteria, what is left when sensors die |
 //! | [`criterion`] | what an optimal layout is optimal in, with derivatives |
+//! | [`mod@posterior`] | what a filter can reach along a path |
 //! | [`optimize`] | choosing from candidates, moving freely, and how far from optimal one is at most |
 //! | [`study`] | the `[layout]` tables of a scenario |
 //!
@@ -18,12 +19,14 @@ pub mod criterion;
 pub mod evaluate;
 pub mod information;
 pub mod optimize;
+pub mod posterior;
 pub mod study;
 pub mod workspace;
 
 pub use criterion::Criterion;
 pub use evaluate::{Evaluation, Summary, evaluate};
 pub use information::{Inverse, PoseBound};
+pub use posterior::{Posterior, posterior};
 pub use study::Study;
 pub use workspace::{Workspace, WorkspaceTable};
 

@@ -8,8 +8,10 @@ pub mod exchange;
 mod lbfgs;
 pub mod moving;
 pub mod relaxation;
+pub mod sites;
 mod table;
 
+pub use sites::{KeepOut, Sites};
 pub use table::InformationTable;
 
 use crate::LayoutError;
@@ -31,8 +33,8 @@ pub struct Question<'a> {
     pub poses: Vec<Isometry3<f64>>,
     /// What is minimised.
     pub criterion: Criterion,
-    /// Least distance of two elements, m.
-    pub spacing_m: f64,
+    /// What a layout has to keep.
+    pub sites: Sites,
     /// Seed of the starts.
     pub seed: u64,
     /// Number of starts.
@@ -58,7 +60,7 @@ pub type Watch<'a> = &'a (dyn Fn(usize, f64) + Sync);
 impl<'a> Question<'a> {
     /// Asked over a whole workspace.
     pub fn new(model: &'a dyn LayoutModel, workspace: &Workspace, criterion: Criterion) -> Self {
-        Self { model, poses: workspace.poses(), criterion, spacing_m: 0.0, seed: 1, starts: 1 }
+        Self { model, poses: workspace.poses(), criterion, sites: Sites::default(), seed: 1, starts: 1 }
     }
 
     /// F of a layout.
@@ -72,11 +74,6 @@ impl<'a> Question<'a> {
             crate::evaluate::add(&mut information, &prior);
             Inverse::of(&information, dimension)
         })
-    }
-
-    /// Whether an element gives a reading at every pose.
-    fn is_usable(&self, element: &LayoutElement) -> bool {
-        self.poses.iter().all(|pose| self.model.blocked(element, pose).is_none())
     }
 }
 

@@ -9,6 +9,7 @@
 //! [layout.optimize]
 //! criterion = "rms"
 //! count = 16
+//! [layout.motion]             # of a path: how a filter believes that the capsule moves; see `core::MotionModel`
 //! [[layout.alternative]]      # what `layout compare` sets beside it
 //! name = "two planes"
 //! set = ["sensor.belt.installed.array=two-planes"]
@@ -16,8 +17,10 @@
 
 use crate::criterion::Criterion;
 use crate::optimize::moving::Ranges;
+use crate::optimize::{KeepOut, Sites};
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
-use lumenav_core::{ConfigError, Node};
+use lumenav_core::{ConfigError, MotionModel, Node};
+use nalgebra::Vector3;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +38,8 @@ struct LayoutTable {
     _model: Option<IgnoredAny>,
     #[serde(rename = "optimize", skip_serializing, default)]
     _optimize: Option<IgnoredAny>,
+    #[serde(rename = "motion", skip_serializing, default)]
+    _motion: Option<IgnoredAny>,
     #[serde(rename = "alternative", skip_serializing, default)]
     _alternative: Option<IgnoredAny>,
 }
@@ -72,6 +77,28 @@ pub enum CriterionName {
     E,
 }
 
+/// An axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AxisName {
+    /// The first.
+    X,
+    /// The second.
+    Y,
+    /// The third.
+    Z,
+}
+
+/// A ball in which no element may stand.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeepOutTable {
+    /// Its centre, mm.
+    pub centre_mm: [Finite; 3],
+    /// Its radius, mm.
+    pub radius_mm: Positive,
+}
+
 /// `[layout.optimize]`. With a range along an axis the installed elements move; without, the model's candidates are chosen from.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -88,6 +115,10 @@ pub struct OptimizeTable {
     pub seed: u64,
     /// Least distance of two elements, mm.
     pub spacing_mm: NonNegative,
+    /// Balls in which no element may stand.
+    pub keep_out: Vec<KeepOutTable>,
+    /// Mirror planes through the origin, each by the axis that it turns round: the layout is its own image.
+    pub mirror: Vec<AxisName>,
     /// Range in which the elements move along x, mm.
     pub x_mm: Option<[Finite; 2]>,
     /// Along y.
@@ -105,6 +136,8 @@ impl Default for OptimizeTable {
             starts: 8,
             seed: 1,
             spacing_mm: NonNegative(0.0),
+            keep_out: Vec::new(),
+            mirror: Vec::new(),
             x_mm: None,
             y_mm: None,
             z_mm: None,
@@ -112,13 +145,15 @@ impl Default for OptimizeTable {
     }
 }
 
-const OPTIMIZE_SOURCES: [(&str, &str); 9] = [
+const OPTIMIZE_SOURCES: [(&str, &str); 11] = [
     ("criterion", "chosen: the root mean square error"),
     ("p", "chosen: near the largest error"),
     ("count", "the installed array"),
     ("starts", "chosen: the best of eight"),
     ("seed", "chosen: any number serves"),
     ("spacing_mm", "chosen: sensors are points"),
+    ("keep_out", "chosen: none"),
+    ("mirror", "chosen: none"),
     ("x_mm", "chosen: stays where it is installed"),
     ("y_mm", "chosen: stays where it is installed"),
     ("z_mm", "chosen: stays where it is installed"),
@@ -145,8 +180,8 @@ pub struct Search {
     pub starts: usize,
     /// Seed of the starts.
     pub seed: u64,
-    /// Least distance of two elements, m.
-    pub spacing_m: f64,
+    /// What a layout has to keep.
+    pub sites: Sites,
     /// Where elements move; `None`: candidates are chosen from.
     pub ranges: Option<Ranges>,
 }
@@ -166,6 +201,8 @@ pub struct Study {
     pub model: Node,
     /// `[layout.optimize]`.
     pub search: Search,
+    /// `[layout.motion]`: how a filter believes that the capsule moves, for the posterior bound.
+    pub motion: MotionModel,
     /// Every `[[layout.alternative]]`.
     pub alternatives: Vec<AlternativeTable>,
     /// The table itself, for messages.
@@ -194,6 +231,7 @@ impl Study {
             workspace: node.child_or_empty("workspace"),
             model: node.child_or_empty("model"),
             search: Search::from_node(&node.child_or_empty("optimize"))?,
+            motion: node.child_or_empty("motion").parse()?,
             alternatives: alternatives?,
             node,
         })
@@ -236,8 +274,23 @@ impl Search {
             count: table.count.map(|c| c as usize),
             starts: table.starts as usize,
             seed: table.seed,
-            spacing_m: 1e-3 * table.spacing_mm.0,
+            sites: sites_of(&table),
             ranges: moves.then_some(Ranges { axes_m }),
         })
+    }
+}
+
+fn sites_of(table: &OptimizeTable) -> Sites {
+    let ball = |t: &KeepOutTable| KeepOut {
+        centre_m: Vector3::from(t.centre_mm.map(|v| v.0)) * 1e-3,
+        radius_m: 1e-3 * t.radius_mm.0,
+    };
+    let mut mirrored: Vec<usize> = table.mirror.iter().map(|axis| *axis as usize).collect();
+    mirrored.sort_unstable();
+    mirrored.dedup();
+    Sites {
+        spacing_m: 1e-3 * table.spacing_mm.0,
+        keep_out: table.keep_out.iter().map(ball).collect(),
+        mirrored,
     }
 }

@@ -2,10 +2,10 @@
 
 use lumenav_core::layout::packed_len;
 use lumenav_core::{CapsuleBody, LayoutModel, ModelFolder, Name, Node, OneAfterAnother, Setup};
-use lumenav_layout::optimize::Question;
 use lumenav_layout::optimize::exchange::choose;
 use lumenav_layout::optimize::moving::{Ranges, shift};
 use lumenav_layout::optimize::relaxation::lower_bound;
+use lumenav_layout::optimize::{KeepOut, Question, Sites};
 use lumenav_layout::{Criterion, Inverse, LayoutError, Summary, Workspace, evaluate};
 use lumenav_magnetic::bound::bound;
 use lumenav_magnetic::channels::MagnetPose;
@@ -167,7 +167,7 @@ fn law_a_choice_is_better_than_the_regular_one_and_above_its_bound() {
         assert_eq!(bound_of(Criterion::Mean), None);
         assert_eq!(lower_bound(&chosen.table, &model.prior(), 16, criterion, &|| true), None);
         // Kept apart, nothing gets below the bound either.
-        let apart = Question { spacing_m: 0.1, ..question };
+        let apart = Question { sites: Sites { spacing_m: 0.1, ..Sites::default() }, ..question };
         let apart = choose(&apart, 16, &OneAfterAnother, &unwatched, &|| false).unwrap().found;
         assert!(criterion.shown(apart.f) > least, "{criterion:?}");
         let place = |i: usize| apart.elements[i].world_from_element.translation.vector;
@@ -205,7 +205,7 @@ fn law_what_cannot_be_is_said_in_words() {
     let say = |result: Result<_, LayoutError>| result.err().unwrap().to_string();
     let too_many = say(choose(&question, 17, &OneAfterAnother, &unwatched, &|| false).map(|_| ()));
     assert!(too_many.contains("17 elements asked of 16 candidates"), "{too_many}");
-    let no_room = Question { spacing_m: 1.0, ..question.clone() };
+    let no_room = Question { sites: Sites { spacing_m: 1.0, ..Sites::default() }, ..question.clone() };
     let no_room = say(choose(&no_room, 4, &OneAfterAnother, &unwatched, &|| false).map(|_| ()));
     assert!(no_room.contains("spacing of 1000 mm"), "{no_room}");
     let stopped = say(choose(&question, 4, &OneAfterAnother, &unwatched, &|| true).map(|_| ()));
@@ -223,6 +223,64 @@ fn law_what_cannot_be_is_said_in_words() {
     let question = Question::new(&model, &at_a_sensor, Criterion::Rms);
     let chosen = choose(&question, 4, &OneAfterAnother, &unwatched, &|| false).unwrap();
     assert_eq!((chosen.candidates, chosen.unusable), (15, 1));
+}
+
+/// Whether every element has its mirror image about x = 0.
+fn is_symmetric(elements: &[lumenav_core::LayoutElement]) -> bool {
+    let place = |e: &lumenav_core::LayoutElement| e.world_from_element.translation.vector;
+    elements.iter().all(|e| {
+        let image = place(e).component_mul(&Vector3::new(-1.0, 1.0, 1.0));
+        elements.iter().any(|other| (place(other) - image).norm() < 1e-9)
+    })
+}
+
+/// Under a mirror plane what is found is its own image, whether chosen or moved; nothing of it stands where nothing may. A symmetric
+/// workspace asks for no more than a hundredth of it beside a free choice.
+#[test]
+fn law_mirror_planes_and_places_kept_free() {
+    let model = layout("plane-4x4", "law = \"dipole\"\ncandidates = \"planes-9x9x2\"\n");
+    let coarse = workspace(
+        "x_mm = [-150, 150]\ny_mm = [-100, 100]\nz_mm = [200]\ndirections = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n",
+    );
+    let free = Question { starts: 3, ..Question::new(&model, &coarse, Criterion::Rms) };
+    let ball = KeepOut { centre_m: Vector3::new(0.25, 0.0, 0.0), radius_m: 0.14 };
+    let sites = Sites { mirrored: vec![0], keep_out: vec![ball], ..Sites::default() };
+    let kept = Question { sites: sites.clone(), ..free.clone() };
+    let (any, symmetric) = (
+        choose(&free, 8, &OneAfterAnother, &unwatched, &|| false).unwrap(),
+        choose(&kept, 8, &OneAfterAnother, &unwatched, &|| false).unwrap(),
+    );
+    assert!(is_symmetric(&symmetric.found.elements) && symmetric.found.elements.len() == 8);
+    assert_eq!((symmetric.orbits, any.orbits), (4, 8));
+    // Of 9 x 9 x 2 candidates: 18 on the plane x = 0 are no pairs, and neither are the images of those in the ball.
+    assert!(symmetric.unusable > 0 && symmetric.unpaired == 18 + symmetric.unusable);
+    assert!((question_value(&kept, &symmetric) / symmetric.found.f - 1.0).abs() < 1e-9);
+    let bound = lower_bound(&symmetric.table, &model.prior(), 4, Criterion::Rms, &|| false).unwrap();
+    assert!(bound <= Criterion::Rms.shown(symmetric.found.f));
+    let is_free = |e: &lumenav_core::LayoutElement| {
+        (e.world_from_element.translation.vector - ball.centre_m).norm() > ball.radius_m * 0.998
+    };
+    assert!(symmetric.found.elements.iter().all(is_free));
+    assert!(!any.found.elements.iter().all(is_free), "the ball is not in the way");
+    let ranges = Ranges { axes_m: [Some([-0.25, 0.25]), Some([-0.25, 0.25]), None] };
+    let moved = shift(&kept, &ranges, &OneAfterAnother, &unwatched, &|| false).unwrap();
+    assert!(is_symmetric(&moved.elements) && moved.elements.iter().all(is_free));
+    let alone = Question { sites: Sites { mirrored: vec![0], ..Sites::default() }, ..free.clone() };
+    let (alone, freely) = (
+        shift(&alone, &ranges, &OneAfterAnother, &unwatched, &|| false).unwrap(),
+        shift(&free, &ranges, &OneAfterAnother, &unwatched, &|| false).unwrap(),
+    );
+    println!("figure: F moved freely {:.6e}, under a mirror plane {:.6e}", freely.f, alone.f);
+    assert!(alone.f < free.value(model.elements()) && alone.f < 1.03 * freely.f);
+    let odd = choose(&kept, 7, &OneAfterAnother, &unwatched, &|| false).err().unwrap().to_string();
+    assert!(odd.contains("multiples of 2"), "{odd}");
+    let askew = Ranges { axes_m: [Some([-0.2, 0.25]), None, None] };
+    let askew = shift(&kept, &askew, &OneAfterAnother, &unwatched, &|| false).err().unwrap().to_string();
+    assert!(askew.contains("middle at 0"), "{askew}");
+}
+
+fn question_value(question: &Question<'_>, chosen: &lumenav_layout::optimize::exchange::Chosen) -> f64 {
+    question.value(&chosen.found.elements)
 }
 
 /// Jobs done backwards on the calling thread.

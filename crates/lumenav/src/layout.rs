@@ -17,6 +17,8 @@ pub struct OpenedLayout {
     pub model: Box<dyn LayoutModel>,
     /// The poses.
     pub workspace: Workspace,
+    /// Of a workspace along the scenario's path: when the sensor reads (s), and where the capsule is then. Empty elsewhere.
+    pub readings: Vec<(f64, Isometry3<f64>)>,
 }
 
 /// Opens the `[layout]` of a scenario; `None` where it has none.
@@ -47,13 +49,22 @@ pub fn open_layout(file: &ScenarioFile, registry: &Registry) -> Result<Option<Op
         map: None,
     };
     let model = registry.get(&entry.modality, &entry.node)?.layout(&entry.installed, &study.model, &setup)?;
+    let mut readings = Vec::new();
     let workspace = Workspace::from_node(&study.workspace, |table, along| match along {
         Along::Tract => {
             along_tract(file, 1e-3 * table.step_mm.0).map(Followed::Positions).map_err(LayoutError::from)
         }
-        Along::Path => along_path(file, table.every_s.0).map(Followed::Poses),
+        Along::Path => {
+            if let Some(schedule) = entry.schedule {
+                readings = along_path(file, |k| schedule.due(k), "along")?;
+            }
+            let every_s = table.every_s.0;
+            let every = |k: u64| SimTime((1e9 * every_s * k as f64).round() as i64);
+            let poses = along_path(file, every, "every_s")?;
+            Ok(Followed::Poses(poses.into_iter().map(|(_, pose)| pose).collect()))
+        }
     })?;
-    Ok(Some(OpenedLayout { sensor: entry.name.clone(), study, model, workspace }))
+    Ok(Some(OpenedLayout { sensor: entry.name.clone(), study, model, workspace, readings }))
 }
 
 /// Places on the tract's centre line, so many metres apart.
@@ -71,20 +82,22 @@ fn along_tract(file: &ScenarioFile, step_m: f64) -> Result<Vec<Vector3<f64>>, Co
 }
 
 /// More poses than this are a typing error.
-const MOST_POSES: f64 = 1e7;
+const MOST_POSES: u64 = 10_000_000;
 
-/// The capsule's poses on its way through the scenario, of the scenario's own seed. The design of a sensor knows the way that it is
-/// designed for; no estimate is made of it.
-fn along_path(file: &ScenarioFile, every_s: f64) -> Result<Vec<Isometry3<f64>>, LayoutError> {
+/// Times (s) and poses of the capsule on its way through the scenario, of the scenario's own seed, at the instants `at` until its end. The
+/// design of a sensor knows the way that it is designed for; no estimate is made of it.
+fn along_path(
+    file: &ScenarioFile,
+    at: impl Fn(u64) -> SimTime,
+    key: &str,
+) -> Result<Vec<(f64, Isometry3<f64>)>, LayoutError> {
     let table = file.node.child_or_empty("layout").child_or_empty("workspace");
     let Some(duration_s) = file.scenario.duration_s else {
         return Err(table.error_at("along", "the scenario has no duration_s, so its path has no end").into());
     };
-    let steps = (duration_s.0 / every_s).floor();
-    if steps > MOST_POSES {
-        return Err(table
-            .error_at("every_s", &format!("{steps} poses; at most {MOST_POSES} are allowed"))
-            .into());
+    let end = SimTime((1e9 * duration_s.0).round() as i64);
+    if at(MOST_POSES) <= end {
+        return Err(table.error_at(key, &format!("more than {MOST_POSES} poses")).into());
     }
     let failed = |error: lumenav_scenario::ScenarioError| match error {
         lumenav_scenario::ScenarioError::Config(error) => LayoutError::Config(error),
@@ -92,11 +105,10 @@ fn along_path(file: &ScenarioFile, every_s: f64) -> Result<Vec<Isometry3<f64>>, 
     };
     let mut world = crate::stage(file, file.scenario.seed, 0).map_err(failed)?.world;
     let mut poses = Vec::new();
-    for k in 0..=steps as usize {
-        let at = SimTime((1e9 * every_s * k as f64).round() as i64);
-        world.advance_to(at).map_err(failed)?;
-        poses.push(world.truth().capsule(at).world_from_capsule);
-        world.forget_before(at);
+    for now in (0..MOST_POSES).map(at).take_while(|now| *now <= end) {
+        world.advance_to(now).map_err(failed)?;
+        poses.push((now.seconds(), world.truth().capsule(now).world_from_capsule));
+        world.forget_before(now);
     }
     Ok(poses)
 }

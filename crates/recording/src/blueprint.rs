@@ -158,6 +158,33 @@ pub(crate) fn send(
     layout: &Layout,
     number: u32,
 ) -> Result<(), RecordingError> {
+    arrange(output, recording, number, |writer| {
+        let left = left_side(writer, layout)?;
+        let right = right_side(writer, layout)?;
+        Ok(vec![(left, 1.75), (right, 1.0)])
+    })
+}
+
+/// Sends the blueprint of a still: the scene, and the text beside it.
+pub(crate) fn send_still(
+    output: &mut Output,
+    recording: &StoreId,
+    layout: &Layout,
+) -> Result<(), RecordingError> {
+    arrange(output, recording, 0, |writer| {
+        let scene = left_side(writer, layout)?;
+        let about = writer.view("TextDocument", "About", "/about", &["+ /about"], &[])?;
+        Ok(vec![(scene, 2.6), (about, 1.0)])
+    })
+}
+
+/// Views side by side, with their shares.
+fn arrange(
+    output: &mut Output,
+    recording: &StoreId,
+    number: u32,
+    views: impl FnOnce(&mut Writer<'_>) -> Result<Vec<(String, f32)>, RecordingError>,
+) -> Result<(), RecordingError> {
     let id = StoreId::new(
         StoreKind::Blueprint,
         recording.application_id().clone(),
@@ -165,9 +192,8 @@ pub(crate) fn send(
     );
     let mut store = Store::open(id.clone(), output)?;
     let mut writer = Writer { store: &mut store, output, next_id: 0 };
-    let left = left_side(&mut writer, layout)?;
-    let right = right_side(&mut writer, layout)?;
-    let (_, root) = writer.container(comp::ContainerKind::Horizontal, &[(left, 1.75), (right, 1.0)])?;
+    let side_by_side = views(&mut writer)?;
+    let (_, root) = writer.container(comp::ContainerKind::Horizontal, &side_by_side)?;
     // Safe to parse: the identifier was formatted as a UUID just above.
     let uuid = rerun::external::re_sdk_types::external::uuid::Uuid::parse_str(&root)
         .map_err(|e| RecordingError::Encode { target: "blueprint".into(), why: e.to_string() })?;

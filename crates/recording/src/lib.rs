@@ -23,6 +23,8 @@
 //! Positions are world metres in `f32` (half a micrometre at 4 m). How much is kept: see the rule in `pacing`; the numbers
 //! of record are those in Parquet and JSON, not these.
 //!
+//! [`Still`] is a scene without a course in time: `/world/<path>` and `/about`, a text beside it.
+//!
 //! Two equal runs give recordings with equal bytes: the recorder names rows and chunks by counting, never by the clock.
 
 mod blueprint;
@@ -36,10 +38,12 @@ mod pacing;
 mod palette;
 mod primitives;
 mod recorder;
+mod still;
 mod store;
 mod trail;
 
 pub use error::RecordingError;
 pub use inspect::{RrdSummary, inspect, read_scalars};
 pub use recorder::{RecorderOptions, RrdRecorder};
+pub use still::Still;
 pub use store::{SIM_TIME, UPDATE};

@@ -1,5 +1,5 @@
 //! B. Moussakhani, T. Ramstad, J. T. Flåm, I. Balasingham, *On localizing a capsule endoscope using magnetic sensors*, 2012: its figures
-//! 2 to 5, with equations 6 and 10 to 14 corrected.
+//! 2 to 5 with equations 6 and 10 to 14 corrected, and the comparison with radio of its section 4.
 //!
 //! The paper shows curves and says in words what they show; a row is such a claim, put as a number, with what its own model gives.
 //! Position (a, b, c), axis h; bounds are square roots of the Cramér-Rao bound of one reading. The claims are judged for
@@ -11,6 +11,7 @@ mod planes;
 mod rotation;
 mod sensors;
 mod trials;
+mod versus_rss;
 
 use crate::registry::Reproduction;
 
@@ -43,5 +44,12 @@ pub(crate) const ALL: &[Reproduction] = &[
         about: "bound between two facing planes, above two coincident ones, and above one",
         default_seeds: &[],
         run: planes::run,
+    },
+    Reproduction {
+        id: "moussakhani2012/versus-rss",
+        source: "moussakhani2012, section 4",
+        about: "bound of a magnet against that of received radio strength, at equal number and distance",
+        default_seeds: &[],
+        run: versus_rss::run,
     },
 ];

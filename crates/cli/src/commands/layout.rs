@@ -4,6 +4,7 @@ mod compare;
 mod evaluate;
 mod map;
 mod optimize;
+mod scene;
 mod show;
 
 use super::run::stop_on_ctrl_c;
@@ -12,7 +13,7 @@ use crate::threads::Threads;
 use anyhow::Context as _;
 use lumenav::core::{LayoutElement, Registry};
 use lumenav::layouts::evaluate::{Deaths, deaths};
-use lumenav::layouts::{Evaluation, LayoutError, Summary};
+use lumenav::layouts::{Evaluation, LayoutError, Posterior, Summary, posterior};
 use lumenav::scenario::ScenarioFile;
 use lumenav::{OpenedLayout, open_layout, open_scenario};
 use serde::Serialize;
@@ -85,7 +86,12 @@ impl<'a> Job<'a> {
         let evaluation =
             lumenav::layouts::evaluate(model, elements, &opened.workspace, &self.threads, &stopped)?;
         let dead = deaths(model, elements, &opened.workspace, opened.study.dead, &self.threads, &stopped)?;
-        let judged = Judged { summary: evaluation.summary(elements, opened.study.wanted_mm), deaths: dead };
+        let along_path = posterior(model, elements, &opened.readings, &opened.study.motion);
+        let judged = Judged {
+            summary: evaluation.summary(elements, opened.study.wanted_mm),
+            deaths: dead,
+            posterior: along_path,
+        };
         Ok((evaluation, judged))
     }
 }
@@ -103,6 +109,8 @@ struct Judged {
     summary: Summary,
     /// What the death of elements does at worst.
     deaths: Vec<Deaths>,
+    /// What a filter can reach along the path, where the workspace is one.
+    posterior: Option<Posterior>,
 }
 
 /// What was judged, and how.

@@ -78,7 +78,9 @@ fn cross_iterated_update_is_the_mode_of_the_posterior() {
         let model = Arc::new(DirectionsModel { world, sigma: 0.02, iterated: true });
         let m = measurement("s", 0, SimTime::ZERO, values("v", &seen), model);
         let mut after = belief.clone();
-        propose(&belief, &m, 50).unwrap().apply(&mut after);
+        let proposal = propose(&belief, &m, 50).unwrap();
+        let innovation = proposal.innovation.chi_square;
+        proposal.apply(&mut after);
         let linear = measurement(
             "s",
             0,
@@ -101,6 +103,10 @@ fn cross_iterated_update_is_the_mode_of_the_posterior() {
         // The iteration stops at a hundredth of a standard deviation.
         assert!(far(&after) < 0.01, "problem {index}: {} sigmas from the mode", far(&after));
         assert!(far(&once) > far(&after), "problem {index}: nothing to iterate");
+        // Squared innovation: what the posterior's mode still costs, of the readings and of the prior.
+        let inverse = belief.covariance.view((0, 0), (6, 6)).into_owned().try_inverse().unwrap();
+        let left = 2.0 * cost(&belief, &inverse, &m, &mode);
+        assert!((innovation - left).abs() < 1e-3 * (1.0 + left), "problem {index}: {innovation} {left}");
     }
 }
 

@@ -1,4 +1,4 @@
-//! Choosing elements from candidates: greedy, then exchange.
+//! Choosing elements from candidates: greedy, then exchange. Under mirror planes an orbit ([`super::sites`]) counts as one candidate.
 //!
 //! The first start adds, one by one, the candidate that lowers F most (with a little of all candidates' information beside it, until
 //! the chosen ones see everything by themselves); the others start from random choices. Then, as Fedorov's exchange does: each chosen
@@ -27,10 +27,14 @@ pub struct Chosen {
     pub found: Found,
     /// Candidates that could be chosen.
     pub candidates: usize,
-    /// Candidates left out because they give no reading at some pose.
+    /// Candidates left out because they give no reading at some pose, or stand where nothing may.
     pub unusable: usize,
-    /// What each candidate says at each pose.
+    /// Candidates left out because a mirror image is missing.
+    pub unpaired: usize,
+    /// What each orbit of candidates says at each pose.
     pub table: InformationTable,
+    /// How many orbits were chosen.
+    pub orbits: usize,
 }
 
 /// Chooses `count` of the model's candidates.
@@ -47,37 +51,54 @@ pub fn choose(
     let all = question.model.candidates();
     let usable: Vec<LayoutElement> = all.iter().filter(|c| question.is_usable(c)).cloned().collect();
     let unusable = all.len() - usable.len();
-    if count == 0 || count > usable.len() {
+    let groups = question.sites.orbits_of_candidates(&usable);
+    let size = question.sites.orbit_len();
+    let paired = groups.len() * size;
+    if count == 0 || count > paired || !count.is_multiple_of(size) {
+        let of_orbits = if size > 1 {
+            format!(", {} have no mirror image; allowed: multiples of {size}", usable.len() - paired)
+        } else {
+            "; allowed: 1".to_owned()
+        };
         return Err(LayoutError::Impossible(format!(
-            "{count} elements asked of {} candidates, of which {unusable} give no reading at some pose (saturated, or in the magnet); allowed: 1 to {}",
+            "{count} elements asked of {} candidates, of which {unusable} give no reading at some pose (saturated, or in the magnet) or stand where nothing may{of_orbits} to {paired}",
             all.len(),
-            usable.len()
         )));
     }
-    let table = InformationTable::new(question.model, &usable, &question.poses, executor)?;
-    let search =
-        Search { question, table: &table, candidates: &usable, prior: question.model.prior(), count };
+    let table = InformationTable::new(question.model, &usable, &question.poses, executor)?.of_groups(&groups);
+    let orbits = count / size;
+    let search = Search {
+        question,
+        table: &table,
+        elements: &usable,
+        groups: &groups,
+        prior: question.model.prior(),
+        count: orbits,
+    };
     let start = |k: usize| search.run_start(k, stopped);
     let found = super::run(question.starts, executor, watch, start, || {
         LayoutError::Impossible(format!(
-            "no choice of {count} candidates keeps a spacing of {} mm and has a bound at every pose",
-            1e3 * question.spacing_m
+            "no choice of {count} candidates keeps {} and has a bound at every pose",
+            question.sites.words()
         ))
     })?;
-    Ok(Chosen { found, candidates: usable.len(), unusable, table })
+    Ok(Chosen { found, candidates: paired, unusable, unpaired: usable.len() - paired, table, orbits })
 }
 
 struct Search<'a> {
     question: &'a Question<'a>,
     table: &'a InformationTable,
-    candidates: &'a [LayoutElement],
+    elements: &'a [LayoutElement],
+    /// What is chosen from: single elements, or orbits of them.
+    groups: &'a [Vec<usize>],
     prior: Vec<f64>,
     count: usize,
 }
 
 impl Search<'_> {
     fn elements(&self, chosen: &[usize]) -> Vec<LayoutElement> {
-        chosen.iter().map(|i| self.candidates[*i].clone()).collect()
+        let members = chosen.iter().flat_map(|i| &self.groups[*i]);
+        members.map(|i| self.elements[*i].clone()).collect()
     }
 
     fn run_start(&self, start: usize, stopped: &dyn Fn() -> bool) -> Ended {
@@ -102,18 +123,19 @@ impl Search<'_> {
 
     /// Whether candidate `i` keeps its distance from those chosen, all but the one at `except`.
     fn has_room(&self, i: usize, chosen: &[usize], except: Option<usize>) -> bool {
-        let place = |k: usize| self.candidates[k].world_from_element.translation.vector;
-        chosen.iter().enumerate().all(|(at, other)| {
-            Some(at) == except
-                || (*other != i
-                    && (place(*other) - place(i)).norm() >= self.question.spacing_m * (1.0 - 1e-12))
-        })
+        let sites = &self.question.sites;
+        let apart = |other: usize| {
+            let of = |k: usize| self.groups[k].iter().map(|e| &self.elements[*e]);
+            sites.spacing_m <= 0.0 || of(other).all(|a| of(i).all(|b| sites.apart(a, b)))
+        };
+        let mut others = chosen.iter().enumerate().filter(|(at, _)| Some(*at) != except);
+        others.all(|(_, other)| *other != i && apart(*other))
     }
 
     fn random(&self, start: usize) -> Option<Vec<usize>> {
         let mut stream = RandomStreams::new(self.question.seed, 0, "layout").stream("exchange", start as u64);
         for _ in 0..DRAWS {
-            let mut left: Vec<usize> = (0..self.candidates.len()).collect();
+            let mut left: Vec<usize> = (0..self.groups.len()).collect();
             let mut chosen = Vec::with_capacity(self.count);
             while chosen.len() < self.count && !left.is_empty() {
                 let i = left.swap_remove(stream.random_range(0..left.len()));

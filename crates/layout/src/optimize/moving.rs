@@ -7,16 +7,17 @@
 //! ```
 //!
 //! L-BFGS runs on log F, so that lengths of scale 1 mm and 10 mm look alike, with a soft wall where two elements come nearer than the
-//! spacing. A maximum is approached by p-norms of rising p; after each the exact criterion is taken, and the best is kept.
+//! spacing, or one to a place that is kept free. Under mirror planes an element's images move with it. A maximum is approached by p-norms of rising p; after each the exact criterion is taken, and the best is kept.
 
 use super::lbfgs::minimise;
+use super::sites::place;
 use super::{Ended, Found, Question, Watch};
 use crate::LayoutError;
 use crate::criterion::Criterion;
 use crate::information::Inverse;
 use lumenav_core::layout::packed_len;
 use lumenav_core::{Executor, LayoutElement, LayoutWorker, RandomStreams};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use rand::RngExt as _;
 
 /// Half the way of a central difference, m.
@@ -40,13 +41,23 @@ pub struct Ranges {
     pub axes_m: [Option<[f64; 2]>; 3],
 }
 
-/// One coordinate of one element.
+/// One coordinate of one element, and of its mirror images.
 #[derive(Clone, Copy)]
 struct Variable {
     element: usize,
     axis: usize,
     middle_m: f64,
     half_m: f64,
+}
+
+/// What a variable does to one element.
+#[derive(Clone, Copy)]
+struct Move {
+    variable: usize,
+    element: usize,
+    axis: usize,
+    /// -1 for an image whose coordinate is mirrored.
+    sign: f64,
 }
 
 /// Moves the model's elements.
@@ -64,8 +75,8 @@ pub fn shift(
     let start = |k: usize| search.run_start(k, stopped);
     super::run(question.starts, executor, watch, start, || {
         LayoutError::Impossible(format!(
-            "no start came to a layout that keeps a spacing of {} mm and has a bound at every pose",
-            1e3 * question.spacing_m
+            "no start came to a layout that keeps {} and has a bound at every pose",
+            question.sites.words()
         ))
     })
 }
@@ -73,19 +84,53 @@ pub fn shift(
 struct Search<'a> {
     question: &'a Question<'a>,
     variables: Vec<Variable>,
+    moves: Vec<Move>,
     prior: Vec<f64>,
+}
+
+/// Variables of the first element of every orbit, and what each does to the orbit's elements. A coordinate at right angles to a mirror plane
+/// that an element stands on is none.
+fn variables(
+    orbits: &[Vec<super::sites::Image>],
+    sites: &super::Sites,
+    ranges: &Ranges,
+) -> (Vec<Variable>, Vec<Move>) {
+    let (mut variables, mut moves) = (Vec::new(), Vec::new());
+    for orbit in orbits {
+        for axis in 0..3 {
+            let is_mirrored = sites.mirrored.contains(&axis);
+            let stands_on_the_plane = is_mirrored && orbit.iter().all(|(_, signs)| signs[axis] > 0.0);
+            let (Some([low, high]), Some((element, _)), false) =
+                (ranges.axes_m[axis], orbit.first(), stands_on_the_plane)
+            else {
+                continue;
+            };
+            let (middle_m, half_m) = (0.5 * (low + high), 0.5 * (high - low));
+            let of_image = |(element, signs): &super::sites::Image| Move {
+                variable: variables.len(),
+                element: *element,
+                axis,
+                sign: signs[axis],
+            };
+            moves.extend(orbit.iter().map(of_image));
+            variables.push(Variable { element: *element, axis, middle_m, half_m });
+        }
+    }
+    (variables, moves)
 }
 
 impl<'a> Search<'a> {
     fn new(question: &'a Question<'a>, ranges: &Ranges) -> Result<Self, LayoutError> {
         let elements = question.model.elements();
-        let variables: Vec<Variable> = (0..elements.len())
-            .flat_map(|element| (0..3).map(move |axis| (element, axis)))
-            .filter_map(|(element, axis)| {
-                let [low, high] = ranges.axes_m[axis]?;
-                Some(Variable { element, axis, middle_m: 0.5 * (low + high), half_m: 0.5 * (high - low) })
-            })
-            .collect();
+        for axis in &question.sites.mirrored {
+            if ranges.axes_m[*axis].is_some_and(|[low, high]| (low + high).abs() > 1e-9) {
+                return Err(LayoutError::Impossible(
+                    "a range along a mirrored axis has its middle at 0, such as [-250, 250]".to_owned(),
+                ));
+            }
+        }
+        let orbits = question.sites.orbits_installed(elements)?;
+        let (variables, moves) = variables(&orbits, &question.sites, ranges);
         if variables.is_empty() {
             return Err(LayoutError::Impossible("nothing may move: give a range along an axis".to_owned()));
         }
@@ -96,7 +141,7 @@ impl<'a> Search<'a> {
         {
             return Err(LayoutError::Dependent);
         }
-        Ok(Self { question, variables, prior })
+        Ok(Self { question, variables, moves, prior })
     }
 
     fn start(&self, start: usize) -> Vec<f64> {
@@ -115,9 +160,10 @@ impl<'a> Search<'a> {
     }
 
     fn place(&self, u: &[f64], elements: &mut [LayoutElement]) {
-        for (v, u) in self.variables.iter().zip(u) {
-            elements[v.element].world_from_element.translation.vector[v.axis] =
-                v.middle_m + v.half_m * u.sin();
+        for m in &self.moves {
+            let v = &self.variables[m.variable];
+            elements[m.element].world_from_element.translation.vector[m.axis] =
+                m.sign * (v.middle_m + v.half_m * u[m.variable].sin());
         }
     }
 
@@ -137,7 +183,7 @@ impl<'a> Search<'a> {
             self.place(&u, &mut elements);
             let f = self.question.value(&elements);
             if f.is_finite()
-                && self.keeps_spacing(&elements)
+                && self.keeps_sites(&elements)
                 && best.as_ref().is_none_or(|(_, least)| f < *least)
             {
                 best = Some((elements, f));
@@ -150,9 +196,14 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn keeps_spacing(&self, elements: &[LayoutElement]) -> bool {
-        let least = self.question.spacing_m * (1.0 - SPACING_SLACK);
-        pairs(elements).all(|(i, j)| distance_m(elements, i, j) >= least)
+    fn keeps_sites(&self, elements: &[LayoutElement]) -> bool {
+        let sites = &self.question.sites;
+        let least = sites.spacing_m * (1.0 - SPACING_SLACK);
+        let is_free = |e: &LayoutElement| {
+            let away = |ball: &super::KeepOut| (place(e) - ball.centre_m).norm() / ball.radius_m;
+            sites.keep_out.iter().all(|ball| away(ball) >= 1.0 - SPACING_SLACK)
+        };
+        elements.iter().all(is_free) && pairs(elements).all(|(i, j)| distance_m(elements, i, j) >= least)
     }
 }
 
@@ -162,8 +213,7 @@ fn pairs(elements: &[LayoutElement]) -> impl Iterator<Item = (usize, usize)> + u
 }
 
 fn distance_m(elements: &[LayoutElement], i: usize, j: usize) -> f64 {
-    let place = |k: usize| elements[k].world_from_element.translation.vector;
-    (place(i) - place(j)).norm()
+    (place(&elements[i]) - place(&elements[j])).norm()
 }
 
 /// Buffers of one climb.
@@ -171,7 +221,7 @@ struct Climb<'a> {
     search: &'a Search<'a>,
     worker: Box<dyn LayoutWorker + 'a>,
     elements: Vec<LayoutElement>,
-    /// Each variable a little up, a little down.
+    /// Each move a little up, a little down.
     shifted: Vec<LayoutElement>,
     informations: Vec<f64>,
     inverses: Vec<Inverse>,
@@ -182,13 +232,13 @@ impl<'a> Climb<'a> {
     fn new(search: &'a Search<'a>) -> Self {
         let elements = search.question.model.elements().to_vec();
         let shifted = search
-            .variables
+            .moves
             .iter()
-            .flat_map(|v| [elements[v.element].clone(), elements[v.element].clone()])
+            .flat_map(|m| [elements[m.element].clone(), elements[m.element].clone()])
             .collect();
         Self {
             worker: search.question.model.worker(),
-            informations: vec![0.0; 2 * search.variables.len() * search.prior.len()],
+            informations: vec![0.0; 2 * search.moves.len() * search.prior.len()],
             inverses: Vec::new(),
             slopes: Vec::new(),
             elements,
@@ -239,46 +289,63 @@ impl<'a> Climb<'a> {
         let question = self.search.question;
         let dimension = question.model.parameters().len();
         let one = packed_len(dimension);
-        for (v, pair) in self.search.variables.iter().zip(self.shifted.chunks_mut(2)) {
+        for (m, pair) in self.search.moves.iter().zip(self.shifted.chunks_mut(2)) {
             for (element, sign) in pair.iter_mut().zip([1.0, -1.0]) {
-                element.world_from_element = self.elements[v.element].world_from_element;
-                element.world_from_element.translation.vector[v.axis] += sign * DIFFERENCE_M;
+                element.world_from_element = self.elements[m.element].world_from_element;
+                element.world_from_element.translation.vector[m.axis] += sign * DIFFERENCE_M;
             }
         }
         let mut weights = vec![0.0; one];
         for ((pose, inverse), slope) in question.poses.iter().zip(&self.inverses).zip(&self.slopes) {
             by_information(inverse, slope, &mut weights);
             self.worker.each(&self.shifted, pose, &mut self.informations);
-            for (g, pair) in gradient.iter_mut().zip(self.informations.chunks(2 * one)) {
+            for (m, pair) in self.search.moves.iter().zip(self.informations.chunks(2 * one)) {
                 let (up, down) = pair.split_at(one);
                 let sum: f64 = weights.iter().zip(up).zip(down).map(|((w, u), d)| w * (u - d)).sum();
-                *g += sum / (2.0 * DIFFERENCE_M);
+                gradient[m.variable] += m.sign * sum / (2.0 * DIFFERENCE_M);
             }
         }
     }
 
-    /// Adds the wall's slope; its height.
+    /// Adds the slope of the walls between elements and around places that are kept free; their height.
     fn add_wall(&self, gradient: &mut [f64]) -> f64 {
-        let spacing_m = self.search.question.spacing_m;
+        let sites = &self.search.question.sites;
         let mut height = 0.0;
-        if spacing_m <= 0.0 {
-            return height;
-        }
-        for (i, j) in pairs(&self.elements) {
-            let distance = distance_m(&self.elements, i, j);
-            let lack = 1.0 - distance / spacing_m;
-            if lack <= 0.0 {
-                continue;
+        if sites.spacing_m > 0.0 {
+            for (i, j) in pairs(&self.elements) {
+                let (a, b) = (place(&self.elements[i]), place(&self.elements[j]));
+                height += self.lean(&a, &b, sites.spacing_m, [Some(i), Some(j)], gradient);
             }
-            height += WALL * lack * lack;
-            let place = |k: usize| self.elements[k].world_from_element.translation.vector;
-            let along = (place(i) - place(j)) / distance.max(f64::MIN_POSITIVE);
-            for (g, v) in gradient.iter_mut().zip(&self.search.variables) {
-                let sign = f64::from(u8::from(v.element == i)) - f64::from(u8::from(v.element == j));
-                *g -= sign * 2.0 * WALL * lack / spacing_m * along[v.axis];
+        }
+        for ball in &sites.keep_out {
+            for (i, element) in self.elements.iter().enumerate() {
+                height +=
+                    self.lean(&place(element), &ball.centre_m, ball.radius_m, [Some(i), None], gradient);
             }
         }
         height
+    }
+
+    /// The wall between places `a` and `b` (of these elements, where they are of any) that are to be so far apart: its slope, and its height.
+    fn lean(
+        &self,
+        a: &Vector3<f64>,
+        b: &Vector3<f64>,
+        apart_m: f64,
+        of: [Option<usize>; 2],
+        gradient: &mut [f64],
+    ) -> f64 {
+        let distance = (a - b).norm();
+        let lack = 1.0 - distance / apart_m;
+        if lack <= 0.0 {
+            return 0.0;
+        }
+        let along = (a - b) / distance.max(f64::MIN_POSITIVE);
+        for m in &self.search.moves {
+            let is = |end: usize| f64::from(u8::from(of[end] == Some(m.element)));
+            gradient[m.variable] -= m.sign * (is(0) - is(1)) * 2.0 * WALL * lack / apart_m * along[m.axis];
+        }
+        WALL * lack * lack
     }
 }
 

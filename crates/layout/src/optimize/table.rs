@@ -60,6 +60,21 @@ impl InformationTable {
         Ok(Self { candidates: candidates.len(), poses: poses.len(), dimension, one, values })
     }
 
+    /// The table of groups of candidates, each as one.
+    #[must_use]
+    pub fn of_groups(self, groups: &[Vec<usize>]) -> Self {
+        if groups.len() == self.candidates && groups.iter().enumerate().all(|(k, group)| group[..] == [k]) {
+            return self;
+        }
+        let mut values = vec![0.0; self.poses * groups.len() * self.one];
+        for (at, sum) in values.chunks_mut(self.one).enumerate() {
+            for candidate in &groups[at % groups.len()] {
+                crate::evaluate::add(sum, self.at(at / groups.len(), *candidate));
+            }
+        }
+        Self { candidates: groups.len(), values, ..self }
+    }
+
     /// Numbers of one matrix.
     pub fn len_of_one(&self) -> usize {
         self.one

@@ -71,6 +71,9 @@ struct SensorTable {
     #[serde(default)]
     rotation_vector_deg: [Finite; 3],
     axes: Option<Axes>,
+    /// Whether it stands far from the magnet, to tell the ambient field.
+    #[serde(default)]
+    reference: bool,
 }
 
 /// A regular grid, ends included.
@@ -151,6 +154,8 @@ pub struct Magnetometer {
     pub pose: Isometry3<f64>,
     /// The axes that are read.
     pub axes: Axes,
+    /// Whether it stands far from the magnet, to tell the ambient field.
+    pub reference: bool,
 }
 
 /// An array as installed: what both sides know.
@@ -194,7 +199,8 @@ struct Places<'a> {
 }
 
 impl Places<'_> {
-    fn add(&mut self, entry: Entry, pose: Isometry3<f64>, axes: Axes) -> Result<(), ConfigError> {
+    fn add(&mut self, entry: Entry, sensor: Magnetometer) -> Result<(), ConfigError> {
+        let pose = &sensor.pose;
         if pose.translation.vector.amax() > MAX_DISTANCE_M {
             let message = format!("a sensor more than {MAX_DISTANCE_M} m from the array's origin");
             return Err(entry.error(self.file, None, &message));
@@ -207,7 +213,7 @@ impl Places<'_> {
         if self.sensors.len() >= MAX_SENSORS {
             return Err(entry.error(self.file, None, &format!("more than {MAX_SENSORS} sensors in all")));
         }
-        self.sensors.push(Magnetometer { pose, axes });
+        self.sensors.push(sensor);
         self.entries.push(entry);
         Ok(())
     }
@@ -224,7 +230,8 @@ impl Places<'_> {
             return Err(entry.error(self.file, None, &message));
         }
         for position in places {
-            self.add(entry, Translation3::from(position).into(), self.axes)?;
+            let pose = Translation3::from(position).into();
+            self.add(entry, Magnetometer { pose, axes: self.axes, reference: false })?;
         }
         Ok(())
     }
@@ -250,7 +257,8 @@ impl ArrayFile {
     fn place(&self, places: &mut Places<'_>) -> Result<(), ConfigError> {
         for (index, sensor) in self.sensor.iter().enumerate() {
             let axes = sensor.axes.unwrap_or(places.axes);
-            places.add(Entry { kind: "sensor", index }, sensor.pose(), axes)?;
+            let sensor = Magnetometer { pose: sensor.pose(), axes, reference: sensor.reference };
+            places.add(Entry { kind: "sensor", index }, sensor)?;
         }
         for (index, plane) in self.plane.iter().enumerate() {
             plane.place(Entry { kind: "plane", index }, places)?;
@@ -297,7 +305,7 @@ impl SensorArray {
     pub fn of_triads(name: &str, positions_m: &[Vector3<f64>], noise_tesla: f64) -> Self {
         let sensors = positions_m
             .iter()
-            .map(|p| Magnetometer { pose: Translation3::from(*p).into(), axes: Axes::Xyz })
+            .map(|p| Magnetometer { pose: Translation3::from(*p).into(), axes: Axes::Xyz, reference: false })
             .collect();
         Self {
             name: name.to_owned(),
@@ -344,12 +352,20 @@ impl SensorArray {
             let pose = world_from_sensor(i, sensor);
             out.positions_world_m.push(pose.translation.vector);
             for axis in sensor.axes.indices() {
-                let mut unit = Vector3::zeros();
-                unit[*axis] = 1.0;
-                out.channels.push(Channel { sensor: i, axis_world: pose.rotation * unit });
+                let unit = |i: usize| pose.rotation * Vector3::ith(i % 3, 1.0);
+                let across_world = [unit(axis + 1), unit(axis + 2)];
+                out.channels.push(Channel { sensor: i, axis_world: unit(*axis), across_world });
             }
         }
         out
+    }
+
+    /// Places of the sensors that are there to see the magnet: all but the reference sensors, unless there are no others.
+    fn beside_the_capsule<'a>(&'a self, channels: &'a Channels) -> impl Iterator<Item = Vector3<f64>> + 'a {
+        let all_reference = self.sensors.iter().all(|sensor| sensor.reference);
+        let seen = move |sensor: &Magnetometer| all_reference || !sensor.reference;
+        let places = channels.positions_world_m.iter().zip(&self.sensors);
+        places.filter(move |(_, sensor)| seen(sensor)).map(|(place, _)| *place)
     }
 
     /// Where a cold start looks, in the world: the file's own places, else the centroid of the sensors, moved off a flat
@@ -362,11 +378,12 @@ impl SensorArray {
         if !self.starts_m.is_empty() {
             return self.starts_m.iter().map(|p| (world_from_array * Point3::from(*p)).coords).collect();
         }
-        let n = channels.positions_world_m.len() as f64;
-        let centroid = channels.positions_world_m.iter().sum::<Vector3<f64>>() / n;
+        let beside: Vec<Vector3<f64>> = self.beside_the_capsule(channels).collect();
+        let n = beside.len() as f64;
+        let centroid = beside.iter().sum::<Vector3<f64>>() / n;
         let mut spread = Matrix3::zeros();
         let mut extent: f64 = 0.0;
-        for p in &channels.positions_world_m {
+        for p in &beside {
             let d = p - centroid;
             spread += d * d.transpose();
             extent = extent.max(d.norm());

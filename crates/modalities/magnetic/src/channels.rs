@@ -20,6 +20,8 @@ pub struct Channel {
     pub sensor: usize,
     /// Unit vector in the world.
     pub axis_world: Vector3<f64>,
+    /// The sensor's two other directions, unit vectors in the world: about these an axis may be found turned.
+    pub across_world: [Vector3<f64>; 2],
 }
 
 /// All channels of an array at one instant.
@@ -62,6 +64,13 @@ pub struct Prediction {
     pub by_position: Vec<Vector3<f64>>,
     /// Derivative by the magnet's axis in the world (for changes perpendicular to it), T per channel.
     pub by_axis: Vec<Vector3<f64>>,
+}
+
+impl Prediction {
+    /// The magnet's field at each sensor, T in the world.
+    pub fn fields(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
+        self.fields.iter().map(|field| field.flux_tesla)
+    }
 }
 
 impl Channels {

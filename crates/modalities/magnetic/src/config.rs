@@ -5,6 +5,7 @@
 
 use crate::array::SensorArray;
 use crate::front_end::Output;
+use crate::nuisance::{Spread, Unknowns};
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{ConfigError, ModalityError, Node, Setup};
 use lumenav_fields::{Cylinder, FieldSource};
@@ -44,7 +45,7 @@ pub enum Law {
     Cylinder,
 }
 
-/// A magnetised object that comes near: a ferromagnetic disturbance, as a point dipole for a time.
+/// A magnetic object that comes near: a ferromagnetic disturbance, as a point dipole for a time.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DisturbanceTable {
@@ -54,8 +55,24 @@ pub struct DisturbanceTable {
     pub end_s: Positive,
     /// Where, mm in the world.
     pub position_mm: [Finite; 3],
-    /// Its (induced) moment, A m².
-    pub moment_a_m2: [Finite; 3],
+    /// Its remanent moment, A m²: a magnet. One of this and `sphere_radius_mm`.
+    pub moment_a_m2: Option<[Finite; 3]>,
+    /// Radius of an iron sphere, mm: magnetised by the Earth's field, the ambient one and the capsule's magnet.
+    pub sphere_radius_mm: Option<Positive>,
+}
+
+/// A turn of the patient under the Earth's field.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TurnTable {
+    /// When it begins, s.
+    pub start_s: NonNegative,
+    /// When it ends, s.
+    pub end_s: Positive,
+    /// About which axis of the patient.
+    pub axis: [Finite; 3],
+    /// By how much, degrees; the field turns the other way.
+    pub angle_deg: Finite,
 }
 
 /// `[sensor.reality]`: what the world does that no estimator is told.
@@ -74,13 +91,71 @@ pub struct RealityTable {
     pub placement_sigma_mm: NonNegative,
     /// Uniform ambient field in the world, T.
     pub ambient_tesla: [Finite; 3],
+    /// The Earth's field as it lies in the world at the start, T. The array was zeroed in it, so that it is seen only as far as it turns.
+    pub earth_tesla: [Finite; 3],
+    /// Turns of the patient (whose frame the world is) under that field, at constant rate, one after another.
+    pub turn: Vec<TurnTable>,
     /// Relative error of the magnet's strength (0.01: the true magnet is 1 % stronger).
     pub strength_error: Finite,
-    /// Magnetised objects that come near.
+    /// Magnetic objects that come near.
     pub disturbance: Vec<DisturbanceTable>,
 }
 
+impl RealityTable {
+    /// Reads the table and refuses what no world can be.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line and key.
+    pub fn from_node(node: &Node) -> Result<Self, ConfigError> {
+        let table: Self = node.parse_sourced(&REALITY_SOURCES)?;
+        if table.strength_error.0 <= -1.0 {
+            let message = "a strength error of -1 or below leaves no magnet; allowed: above -1";
+            return Err(node.error_at("strength_error", message));
+        }
+        for (i, disturbance) in table.disturbance.iter().enumerate() {
+            if disturbance.end_s.0 <= disturbance.start_s.0 {
+                return Err(node.error_at("disturbance", &format!("disturbance {i} ends before it starts")));
+            }
+            if disturbance.moment_a_m2.is_some() == disturbance.sphere_radius_mm.is_some() {
+                let message = format!(
+                    "disturbance {i} is either a magnet (`moment_a_m2`) or a sphere of iron (`sphere_radius_mm`); give one of them"
+                );
+                return Err(node.error_at("disturbance", &message));
+            }
+        }
+        let mut before_s = 0.0;
+        for (i, turn) in table.turn.iter().enumerate() {
+            if turn.end_s.0 <= turn.start_s.0 || turn.start_s.0 < before_s {
+                let message = format!("turn {i} ends before it starts, or starts before the last one ends");
+                return Err(node.error_at("turn", &message));
+            }
+            before_s = turn.end_s.0;
+            if turn.axis.iter().all(|v| v.0 == 0.0) {
+                let message = format!("turn {i} has an axis of length zero; give a vector such as [0, 0, 1]");
+                return Err(node.error_at("turn", &message));
+            }
+        }
+        Ok(table)
+    }
+}
+
+/// What a track does about the ambient field.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Ambient {
+    /// Nothing: it was taken off before.
+    #[default]
+    Known,
+    /// Only differences between channels are used: the field is free in each reading.
+    Differences,
+    /// The array's reference sensors tell it in each reading.
+    Reference,
+    /// The filter carries it from reading to reading (`flux`).
+    Estimated,
+}
+
 /// `[track.sensor.<name>]` for a magnetic sensor.
+#[expect(clippy::struct_excessive_bools, reason = "keys of a file, each by itself")]
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptionsTable {
@@ -92,13 +167,105 @@ pub struct OptionsTable {
     pub noise_tesla: Option<Positive>,
     /// Relative model error the estimator allows for, added to the noise as this share of each reading.
     pub relative_error: NonNegative,
-    /// Whether the magnet's strength is solved for with the pose (`pose`).
+    /// Whether the magnet's strength is unknown: `pose` solves for it in each reading, `flux` carries it.
     pub unknown_strength: bool,
-    /// Whether a uniform ambient field is solved for with the pose (`pose`).
-    pub unknown_ambient: bool,
+    /// Standard deviation of its relative error at the start (`flux`); absent: 0.1.
+    pub strength_sigma: Option<Positive>,
+    /// Its random walk per square root of a second (`flux`); absent: 0.
+    pub strength_walk: Option<NonNegative>,
+    /// What is done about the ambient field.
+    pub ambient: Ambient,
+    /// Standard deviation of an estimated ambient field at the start, T per axis; absent: 5e-5.
+    pub ambient_sigma_tesla: Option<Positive>,
+    /// Its random walk, T per square root of a second; absent: 0.
+    pub ambient_walk_tesla: Option<NonNegative>,
+    /// Whether the channels have offsets that nobody knows (`flux`).
+    pub unknown_bias: bool,
+    /// Their standard deviation, T; absent: 1e-7.
+    pub bias_sigma_tesla: Option<Positive>,
+    /// Their random walk, T per square root of a second; absent: 0.
+    pub bias_walk_tesla: Option<NonNegative>,
+    /// Whether the channels have gains that nobody knows (`flux`).
+    pub unknown_gain: bool,
+    /// Standard deviation of their relative errors; absent: 0.01.
+    pub gain_sigma: Option<Positive>,
+    /// Whether the channels have axes that nobody knows (`flux`).
+    pub unknown_axes: bool,
+    /// Standard deviation of an axis about each of two directions, degrees; absent: 1.
+    pub axis_sigma_deg: Option<Positive>,
     /// A pose whose χ² per degree of freedom exceeds this is refused as "does not fit a magnet". Absent: 25 (five standard
     /// deviations on every channel).
     pub max_reduced_chi_square: Option<Positive>,
+}
+
+impl OptionsTable {
+    /// Reads the table and refuses what contradicts itself.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line and key.
+    pub fn from_node(node: &Node) -> Result<Self, ConfigError> {
+        let table: Self = node.parse_sourced(&OPTIONS_SOURCES)?;
+        let pose = table.front_end == Output::Pose;
+        let estimated = table.ambient == Ambient::Estimated;
+        for (key, asked) in [
+            ("unknown_bias", table.unknown_bias),
+            ("unknown_gain", table.unknown_gain),
+            ("unknown_axes", table.unknown_axes),
+            ("ambient", estimated),
+        ] {
+            if asked && pose {
+                let message = "`front_end = \"pose\"` keeps nothing from reading to reading; set `front_end = \"flux\"`";
+                return Err(node.error_at(key, message));
+            }
+        }
+        let strength =
+            (table.unknown_strength && !pose, "`unknown_strength = true` with `front_end = \"flux\"`");
+        let ambient = (estimated, "`ambient = \"estimated\"`");
+        let bias = (table.unknown_bias, "`unknown_bias = true`");
+        for (key, given, (carried, needed)) in [
+            ("strength_sigma", table.strength_sigma.is_some(), strength),
+            ("strength_walk", table.strength_walk.is_some(), strength),
+            ("ambient_sigma_tesla", table.ambient_sigma_tesla.is_some(), ambient),
+            ("ambient_walk_tesla", table.ambient_walk_tesla.is_some(), ambient),
+            ("bias_sigma_tesla", table.bias_sigma_tesla.is_some(), bias),
+            ("bias_walk_tesla", table.bias_walk_tesla.is_some(), bias),
+            ("gain_sigma", table.gain_sigma.is_some(), (table.unknown_gain, "`unknown_gain = true`")),
+            ("axis_sigma_deg", table.axis_sigma_deg.is_some(), (table.unknown_axes, "`unknown_axes = true`")),
+        ] {
+            if given && !carried {
+                return Err(node.error_at(
+                    key,
+                    &format!("says how well something is known that is known; set {needed} too"),
+                ));
+            }
+        }
+        Ok(table)
+    }
+
+    /// What the filter is asked to carry.
+    pub fn unknowns(&self) -> Unknowns {
+        let spread = |asked: bool, sigma: Option<Positive>, or: f64, walk: Option<NonNegative>| {
+            asked.then(|| Spread { sigma: sigma.map_or(or, |s| s.0), walk: walk.map_or(0.0, |w| w.0) })
+        };
+        let axis = spread(self.unknown_axes, self.axis_sigma_deg, 1.0, None);
+        Unknowns {
+            strength: spread(
+                self.unknown_strength && self.front_end == Output::Flux,
+                self.strength_sigma,
+                0.1,
+                self.strength_walk,
+            ),
+            ambient_tesla: spread(
+                self.ambient == Ambient::Estimated,
+                self.ambient_sigma_tesla,
+                5e-5,
+                self.ambient_walk_tesla,
+            ),
+            bias_tesla: spread(self.unknown_bias, self.bias_sigma_tesla, 1e-7, self.bias_walk_tesla),
+            gain: spread(self.unknown_gain, self.gain_sigma, 0.01, None),
+            axis_rad: axis.map(|s| Spread { sigma: s.sigma.to_radians(), ..s }),
+        }
+    }
 }
 
 /// Where the defaults of these tables come from: key and source.
@@ -110,25 +277,38 @@ pub const INSTALLED_SOURCES: [(&str, &str); 4] = [
 ];
 
 /// See [`INSTALLED_SOURCES`].
-pub const REALITY_SOURCES: [(&str, &str); 8] = [
+pub const REALITY_SOURCES: [(&str, &str); 10] = [
     ("law", "exact field of the cylinder, Derby and Olbert 2010"),
     ("bias_sigma_tesla", "chosen: a perfect array unless the scenario says else"),
     ("gain_sigma", "chosen: a perfect array unless the scenario says else"),
     ("axis_sigma_deg", "chosen: a perfect array unless the scenario says else"),
     ("placement_sigma_mm", "chosen: a perfect array unless the scenario says else"),
     ("ambient_tesla", "chosen: the Earth's field is taken off before"),
+    ("earth_tesla", "chosen: the Earth's field is taken off before"),
+    ("turn", "chosen: the patient rests"),
     ("strength_error", "chosen: the magnet is as its model says"),
     ("disturbance", "chosen: nothing magnetic comes near"),
 ];
 
 /// See [`INSTALLED_SOURCES`].
-pub const OPTIONS_SOURCES: [(&str, &str); 7] = [
+pub const OPTIONS_SOURCES: [(&str, &str); 18] = [
     ("front_end", "chosen: a pose without a filter"),
     ("law", "exact field of the cylinder, Derby and Olbert 2010"),
     ("noise_tesla", "the installed noise, with the converter's step (Widrow and Kollar 2008)"),
     ("relative_error", "chosen: the estimator trusts its field law"),
     ("unknown_strength", "chosen: the magnet is as its model says"),
-    ("unknown_ambient", "chosen: the Earth's field is taken off before"),
+    ("strength_sigma", "chosen: 0.1, where unknown; a magnet's remanence is sold to some per cent"),
+    ("strength_walk", "chosen: 0, a magnet does not age within an exam"),
+    ("ambient", "chosen: the Earth's field is taken off before"),
+    ("ambient_sigma_tesla", "chosen: 5e-5, where estimated; the Earth's field"),
+    ("ambient_walk_tesla", "chosen: 0, a patient at rest"),
+    ("unknown_bias", "chosen: a calibrated array"),
+    ("bias_sigma_tesla", "chosen: 1e-7, where unknown"),
+    ("bias_walk_tesla", "chosen: 0"),
+    ("unknown_gain", "chosen: a calibrated array"),
+    ("gain_sigma", "chosen: 0.01, where unknown"),
+    ("unknown_axes", "chosen: a calibrated array"),
+    ("axis_sigma_deg", "chosen: 1, where unknown"),
     ("max_reduced_chi_square", "chosen: 25, five standard deviations on every channel"),
 ];
 

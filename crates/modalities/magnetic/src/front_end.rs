@@ -8,17 +8,19 @@
 //!
 //! Stateless: the same reading and prior give the same measurement, so tracks do not depend on the order of arrival.
 
-use crate::array::SensorArray;
-use crate::channels::{Channels, MagnetPose};
-use crate::config::{Installed, OptionsTable};
+use crate::array::{Magnetometer, SensorArray};
+use crate::channels::{Channel, Channels, MagnetPose};
+use crate::config::{Ambient, Installed, Magnet, OptionsTable};
 use crate::model::{FixOfFlux, FluxModel};
+use crate::nuisance::{Nuisance, Spread, Unknowns};
 use crate::solver::{
-    FREEDOM, Matrix5, Readings, Search, Solution, Unknown, Workspace, covariance_growth, solve, solve_each,
+    AmbientPrior, FREEDOM, Matrix5, Readings, Search, Solution, Unknown, Workspace, covariance_growth, solve,
+    solve_each,
 };
 use lumenav_core::pose::{attitude_from_axis, skew, tangent_basis};
 use lumenav_core::{
-    FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome, PoseEstimate,
-    PosePrior, PriorUse, Reading,
+    BlockSpec, FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome,
+    PoseEstimate, PosePrior, PriorUse, Reading,
 };
 use lumenav_fields::FieldSource;
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Translation3, Vector3};
@@ -62,7 +64,13 @@ pub struct MagneticFrontEnd {
     offset_capsule_m: Vector3<f64>,
     noise_tesla: f64,
     relative_error: f64,
+    ambient: Ambient,
+    /// What a search for a pose has to find beside it in one reading.
     unknown: Unknown,
+    /// What the filter carries, and how badly it is known before a filter has a belief.
+    nuisance: Arc<Nuisance>,
+    unknowns: Unknowns,
+    reference: Reference,
     max_reduced_chi_square: f64,
     saturation_tesla: Option<f64>,
     worn: bool,
@@ -74,14 +82,23 @@ pub struct MagneticFrontEnd {
 impl MagneticFrontEnd {
     /// Builds the front end from what is installed and what the track asks for.
     pub fn new(sensor: Name, installed: &Installed, options: &OptionsTable) -> Self {
+        let fixed = Arc::new(installed.array.channels(&Isometry3::identity()));
+        let unknowns = options.unknowns();
         Self {
             output: options.front_end,
-            fixed: Arc::new(installed.array.channels(&Isometry3::identity())),
+            ambient: options.ambient,
+            nuisance: Arc::new(Nuisance::new(&sensor, fixed.len(), &unknowns)),
+            unknowns,
+            reference: Reference::of(&installed.array, &installed.magnet),
+            fixed,
             source: installed.magnet.source(options.law),
             offset_capsule_m: installed.magnet.offset_capsule_m,
             noise_tesla: options.noise_tesla.map_or(installed.reading_sigma_tesla(), |v| v.0),
             relative_error: options.relative_error.0,
-            unknown: Unknown { strength: options.unknown_strength, ambient: options.unknown_ambient },
+            unknown: Unknown {
+                strength: options.unknown_strength,
+                ambient: options.ambient != Ambient::Known,
+            },
             max_reduced_chi_square: options.max_reduced_chi_square.map_or(MAX_REDUCED_CHI_SQUARE, |v| v.0),
             saturation_tesla: installed.limit_tesla(),
             worn: installed.table.worn_on.is_some(),
@@ -92,7 +109,9 @@ impl MagneticFrontEnd {
         }
     }
 
+    /// The reading's model: of what is unknown, that which the filter does not carry.
     fn model(&self, reading: &Reading) -> FluxModel {
+        let carried = &self.unknowns;
         let channels = if reading.known_poses.is_empty() {
             self.fixed.clone()
         } else {
@@ -104,8 +123,30 @@ impl MagneticFrontEnd {
             offset_capsule_m: self.offset_capsule_m,
             noise_tesla: self.noise_tesla,
             relative_error: self.relative_error,
-            unknown: self.unknown,
+            unknown: Unknown {
+                strength: self.unknown.strength && carried.strength.is_none(),
+                ambient: self.unknown.ambient && carried.ambient_tesla.is_none(),
+            },
+            ambient: AmbientPrior::NONE,
+            nuisance: self.nuisance.clone(),
         }
+    }
+
+    /// Variance of each channel's reading for a search without a belief: what the filter would carry of the channels is noise to it. A turned
+    /// axis sees the field across it, of which the sensor's other channels tell the size.
+    fn variances(&self, model: &FluxModel, flux_tesla: &[f64], valid: &[bool]) -> Vec<f64> {
+        let square = |spread: Option<Spread>| spread.map_or(0.0, |s| s.sigma * s.sigma);
+        let (bias, gain) = (square(self.unknowns.bias_tesla), square(self.unknowns.gain));
+        let axis = square(self.unknowns.axis_rad);
+        let channels = &model.channels.channels;
+        let mut across = vec![0.0; model.channels.positions_world_m.len()];
+        for (k, channel) in channels.iter().enumerate().filter(|(k, _)| valid[*k]) {
+            across[channel.sensor] += flux_tesla[k].powi(2);
+        }
+        let of = |(channel, z): (&Channel, &f64)| {
+            model.variance(*z) + bias + gain * z * z + axis * across[channel.sensor]
+        };
+        channels.iter().zip(flux_tesla).map(of).collect()
     }
 
     /// Whether a body-worn array's place is missing from a reading: the installed places are then not where the sensors are.
@@ -316,23 +357,73 @@ fn nearest_sensor_m(solution: &Solution, channels: &Channels) -> f64 {
     channels.positions_world_m.iter().map(|s| (s - place).norm()).fold(f64::INFINITY, f64::min)
 }
 
+/// The sensors that are there to tell the ambient field.
+struct Reference {
+    sensors: Vec<bool>,
+    /// What of the magnet's own field they may see at most, T.
+    leak_tesla: f64,
+}
+
+impl Reference {
+    /// Of an array. The magnet comes no nearer to a reference sensor than the nearest other sensor, as far as the array can say: on its axis
+    /// it sends twice its strength over the cube of that distance.
+    fn of(array: &SensorArray, magnet: &Magnet) -> Self {
+        let places = |reference: bool| {
+            let of = move |sensor: &&Magnetometer| sensor.reference == reference;
+            array.sensors.iter().filter(of).map(|sensor| sensor.pose.translation.vector)
+        };
+        let apart = places(true).flat_map(|far| places(false).map(move |near| (far - near).norm()));
+        let nearest_m = apart.fold(f64::INFINITY, f64::min);
+        Self {
+            sensors: array.sensors.iter().map(|sensor| sensor.reference).collect(),
+            leak_tesla: 2.0 * magnet.cylinder.strength_t_m3() / nearest_m.powi(3),
+        }
+    }
+
+    /// The ambient field by least squares of their channels, with what of the magnet may be in it. `None` where they do not tell all of it.
+    fn tell(&self, reading: &Reading, model: &FluxModel) -> Option<AmbientPrior> {
+        let flux = reading.payload.f64("flux_tesla").ok()?;
+        let mut information = Matrix3::zeros();
+        let mut right = Vector3::zeros();
+        for (k, channel) in model.channels.channels.iter().enumerate() {
+            if self.sensors[channel.sensor] && reading.payload.valid()[k] {
+                let weighted = channel.axis_world / model.variance(flux[k]);
+                information += weighted * channel.axis_world.transpose();
+                right += weighted * flux[k];
+            }
+        }
+        let covariance = information.cholesky()?.inverse();
+        let leak = Matrix3::identity() * self.leak_tesla.powi(2);
+        let information = (covariance + leak).cholesky()?.inverse();
+        Some(AmbientPrior { mean_tesla: covariance * right, information })
+    }
+}
+
 /// χ² of the readings if there were no magnet; where an ambient field is unknown, with the one that explains them best.
 fn without_magnet(readings: Readings<'_>, channels: &Channels) -> f64 {
     let of = |k: usize| {
         (readings.flux_tesla[k], channels.channels[k].axis_world, 1.0 / readings.variance_tesla2[k])
     };
     let valid = || (0..readings.flux_tesla.len()).filter(|k| readings.valid[*k]).map(of);
-    let ambient = if readings.unknown.ambient {
-        let normal: Matrix3<f64> = valid().map(|(_, a, w)| a * a.transpose() * w).sum();
+    let (ambient, before) = if readings.unknown.ambient {
+        let prior = &readings.ambient;
+        let seen: Matrix3<f64> = valid().map(|(_, a, w)| a * a.transpose() * w).sum();
         let right: Vector3<f64> = valid().map(|(z, a, w)| a * (w * z)).sum();
-        normal.cholesky().map_or_else(Vector3::zeros, |factor| factor.solve(&right))
+        let factor = (seen + prior.information).cholesky();
+        let right = right + prior.information * prior.mean_tesla;
+        let ambient = factor.map_or_else(Vector3::zeros, |factor| factor.solve(&right));
+        (ambient, prior.chi_square(&ambient))
     } else {
-        Vector3::zeros()
+        (Vector3::zeros(), 0.0)
     };
-    valid().map(|(z, a, w)| w * (z - a.dot(&ambient)).powi(2)).sum()
+    before + valid().map(|(z, a, w)| w * (z - a.dot(&ambient)).powi(2)).sum::<f64>()
 }
 
 impl FrontEnd for MagneticFrontEnd {
+    fn blocks(&self) -> Vec<BlockSpec> {
+        self.nuisance.specs().to_vec()
+    }
+
     fn process(&mut self, reading: &Reading, prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
         if self.place_is_missing(reading) {
             return Ok(refused("the array is worn, and the reading does not tell its pose"));
@@ -348,6 +439,19 @@ impl FrontEnd for MagneticFrontEnd {
                 format!("{} channels, the installed array has {}", flux.len(), model.channels.len());
             return Err(ModalityError::Reading(message));
         }
+        let mut model = model;
+        if self.ambient == Ambient::Reference {
+            match self.reference.tell(&reading, &model) {
+                Some(prior) => model.ambient = prior,
+                None => return Ok(refused("the reference sensors do not tell the ambient field")),
+            }
+            for (k, channel) in model.channels.channels.iter().enumerate() {
+                if self.array.sensors[channel.sensor].reference {
+                    reading.payload.mask_row(k);
+                }
+            }
+        }
+        let flux = reading.payload.f64("flux_tesla")?;
         let valid = reading.payload.valid();
         let count = valid.iter().filter(|v| **v).count();
         if self.output == Output::Flux && prior.is_some() && count > 0 {
@@ -361,9 +465,14 @@ impl FrontEnd for MagneticFrontEnd {
             );
             return Ok(refused(&why));
         }
-        let variance: Vec<f64> = flux.iter().map(|z| model.variance(*z)).collect();
-        let readings =
-            Readings { flux_tesla: flux, valid, variance_tesla2: &variance, unknown: self.unknown };
+        let variance = self.variances(&model, flux, valid);
+        let readings = Readings {
+            flux_tesla: flux,
+            valid,
+            variance_tesla2: &variance,
+            unknown: self.unknown,
+            ambient: model.ambient,
+        };
         let world_from_array = reading.known_poses.get("array").copied().unwrap_or_else(Isometry3::identity);
         let Some(found) = self.search(&model, readings, &world_from_array, prior) else {
             return Ok(refused("no start led to a finite likelihood"));

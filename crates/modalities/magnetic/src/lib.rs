@@ -7,7 +7,7 @@
 //! |---|---|
 //! | world | [`sensor`] (noise, flaws, ambient field, disturbances, saturation, quantisation) |
 //! | design | [`layout`] (what each sensor would say before it is built) |
-//! | estimator | [`front_end`] (`pose`, `flux`), [`model`] (raw readings for the filter) |
+//! | estimator | [`front_end`] (`pose`, `flux`), [`model`] (raw readings for the filter), [`nuisance`] (what the filter carries beside the pose) |
 //! | files | [`mod@array`], [`config`], [`reader`] |
 //!
 //! Source: B. Moussakhani, T. Ramstad, J. T. Flåm, I. Balasingham, "On localizing a capsule endoscope using magnetic sensors"
@@ -20,11 +20,12 @@ pub mod config;
 pub mod front_end;
 pub mod layout;
 pub mod model;
+pub mod nuisance;
 pub mod reader;
 pub mod sensor;
 pub mod solver;
 
-use config::{Installed, OPTIONS_SOURCES, OptionsTable, REALITY_SOURCES, RealityTable};
+use config::{Ambient, Installed, OptionsTable, RealityTable};
 use front_end::MagneticFrontEnd;
 use layout::ArrayLayout;
 use lumenav_core::{Estimator, LayoutModel, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
@@ -54,17 +55,7 @@ impl Modality for Magnetic {
         setup: &Setup,
     ) -> Result<Box<dyn Sensor>, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
-        let table: RealityTable = reality.parse_sourced(&REALITY_SOURCES)?;
-        if table.strength_error.0 <= -1.0 {
-            let message = "a strength error of -1 or below leaves no magnet; allowed: above -1";
-            return Err(reality.error_at("strength_error", message).into());
-        }
-        for (i, disturbance) in table.disturbance.iter().enumerate() {
-            if disturbance.end_s.0 <= disturbance.start_s.0 {
-                let message = format!("disturbance {i} ends before it starts");
-                return Err(reality.error_at("disturbance", &message).into());
-            }
-        }
+        let table = RealityTable::from_node(reality)?;
         let Some(schedule) = setup.schedule else {
             return Err(installed.error("a simulated sensor needs a [sensor.schedule]").into());
         };
@@ -73,14 +64,14 @@ impl Modality for Magnetic {
 
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
-        let table: OptionsTable = options.parse_sourced(&OPTIONS_SOURCES)?;
-        for (key, asked) in
-            [("unknown_strength", table.unknown_strength), ("unknown_ambient", table.unknown_ambient)]
+        let table = OptionsTable::from_node(options)?;
+        if table.ambient == Ambient::Reference && !opened.array.sensors.iter().any(|sensor| sensor.reference)
         {
-            if asked && table.front_end != front_end::Output::Pose {
-                let message = "only `front_end = \"pose\"` solves for it; the filter has no state for it yet";
-                return Err(options.error_at(key, message).into());
-            }
+            let message = format!(
+                "array `{}` has no reference sensors; give a [[sensor]] of its file `reference = true`",
+                opened.array.name
+            );
+            return Err(options.error_at("ambient", &message).into());
         }
         Ok(Estimator::of_front_end(MagneticFrontEnd::new(setup.sensor.clone(), &opened, &table)))
     }

@@ -1,14 +1,18 @@
 //! The raw model: a flux reading explained by a capsule's pose.
 //!
 //! Residual `z_k - h_k` over the valid channels, Jacobian by `[δp_world, δθ_capsule]`, independent noise
-//! `σ_k² = σ² + (ε z_k)²` with ε the relative model error that the estimator allows for.
+//! `σ_k² = σ² + (ε z_k)²` with ε the relative model error that the estimator allows for. What is unknown beside the pose is a state of
+//! the filter ([`crate::nuisance`]); an ambient field that is not carried is integrated out of each reading: flat beforehand, which leaves
+//! the differences between channels (orthonormal contrasts), or as reference sensors tell it.
 
 use crate::bound::inverse_of_information;
 use crate::channels::{Channels, Prediction};
-use crate::solver::Unknown;
+use crate::nuisance::{Explained, Nuisance};
+use crate::solver::{AmbientPrior, Unknown};
 use lumenav_core::fix::FixModel;
 use lumenav_core::{
-    Frame, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part, StateView,
+    BlockSpec, Frame, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part,
+    StateView,
 };
 use lumenav_fields::FieldSource;
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -27,8 +31,12 @@ pub struct FluxModel {
     pub noise_tesla: f64,
     /// Assumed relative model error.
     pub relative_error: f64,
-    /// What the estimator does not know beside the pose: it takes from the information.
+    /// What this reading alone has to tell beside the pose: it takes from the information. No state of the filter.
     pub unknown: Unknown,
+    /// What is known beforehand of the ambient field, where it is unknown.
+    pub ambient: AmbientPrior,
+    /// What the filter carries from reading to reading.
+    pub nuisance: Arc<Nuisance>,
 }
 
 impl FluxModel {
@@ -37,10 +45,14 @@ impl FluxModel {
         self.noise_tesla.powi(2) + (self.relative_error * flux_tesla).powi(2)
     }
 
-    fn predicted(&self, at: &dyn StateView) -> Result<(DVector<f64>, DMatrix<f64>), ModalityError> {
+    fn predicted(&self, at: &dyn StateView) -> Result<Explained, ModalityError> {
         let pose = at.world_from_capsule(Instant::Now).ok_or(ModalityError::MissingState("the pose now"))?;
-        let mut buffers = Prediction::default();
-        Ok(self.channels.linearize_capsule(&self.source, &pose, &self.offset_capsule_m, &mut buffers))
+        self.nuisance.explain(&self.channels, at, |channels| {
+            let mut buffers = Prediction::default();
+            let (flux, jacobian) =
+                channels.linearize_capsule(&self.source, &pose, &self.offset_capsule_m, &mut buffers);
+            (flux, jacobian, buffers.fields().collect())
+        })
     }
 
     fn readings<'m>(&self, m: &'m Measurement) -> Result<(&'m [f64], &'m [bool]), ModalityError> {
@@ -54,25 +66,81 @@ impl FluxModel {
         }
         Ok((flux, m.value.valid()))
     }
+
+    /// Takes the ambient field out of whitened rows (residual first): rotated by the reflections that turn `[W^½ A; Λ^½]` into a triangle,
+    /// of which the first three rows hold the field and nothing else is lost. Gives independent rows of unit noise.
+    fn without_ambient(&self, rows: DMatrix<f64>, axes: DMatrix<f64>) -> DMatrix<f64> {
+        let count = rows.nrows();
+        let prior = self.ambient.information.cholesky().map(|factor| factor.l().transpose());
+        let extra = if prior.is_some() { 3 } else { 0 };
+        let mut rows = rows.resize_vertically(count + extra, 0.0);
+        let mut axes = axes.resize_vertically(count + extra, 0.0);
+        if let Some(root) = prior {
+            axes.view_mut((count, 0), (3, 3)).copy_from(&root);
+            rows.view_mut((count, 0), (3, 1)).copy_from(&(root * self.ambient.mean_tesla));
+        }
+        axes.qr().q_tr_mul(&mut rows);
+        rows.remove_rows(0, 3.min(count + extra))
+    }
+
+    /// The residual form whose ambient field is integrated out.
+    fn marginal(&self, valid: &[usize], variance: &DVector<f64>, rows: DMatrix<f64>) -> DMatrix<f64> {
+        let mut axes = DMatrix::zeros(valid.len(), 3);
+        for (row, k) in valid.iter().enumerate() {
+            axes.row_mut(row).tr_copy_from(&self.channels.channels[*k].axis_world);
+        }
+        let mut rows = rows;
+        for (row, variance) in variance.iter().enumerate() {
+            let weight = 1.0 / variance.sqrt();
+            axes.row_mut(row).scale_mut(weight);
+            rows.row_mut(row).scale_mut(weight);
+        }
+        self.without_ambient(rows, axes)
+    }
 }
 
 impl MeasurementModel for FluxModel {
+    fn blocks(&self) -> &[BlockSpec] {
+        self.nuisance.specs()
+    }
+
     fn linearize(&self, m: &Measurement, at: &dyn StateView) -> Result<Linearization, ModalityError> {
         let (flux, valid) = self.readings(m)?;
-        let (predicted, jacobian) = self.predicted(at)?;
-        if valid.iter().all(|v| *v) {
-            let variance = DVector::from_iterator(flux.len(), flux.iter().map(|z| self.variance(*z)));
-            let residual = DVector::from_column_slice(flux) - predicted;
-            let jacobian = vec![(Part::Pose(Instant::Now), jacobian)];
-            return Ok(Linearization::Residual { residual, jacobian, noise: Noise::Diagonal(variance) });
-        }
+        let explained = self.predicted(at)?;
         let rows: Vec<usize> = (0..flux.len()).filter(|k| valid[*k]).collect();
         let pick = |f: &dyn Fn(usize) -> f64| DVector::from_iterator(rows.len(), rows.iter().map(|k| f(*k)));
-        Ok(Linearization::Residual {
-            residual: pick(&|k| flux[k] - predicted[k]),
-            jacobian: vec![(Part::Pose(Instant::Now), jacobian.select_rows(&rows))],
-            noise: Noise::Diagonal(pick(&|k| self.variance(flux[k]))),
-        })
+        let residual = pick(&|k| flux[k] - explained.flux_tesla[k]);
+        let variance = pick(&|k| self.variance(flux[k]));
+        let parts = std::iter::once((Part::Pose(Instant::Now), explained.by_pose)).chain(explained.by_block);
+        let jacobian: Vec<(Part, DMatrix<f64>)> = if rows.len() == flux.len() {
+            parts.collect()
+        } else {
+            parts.map(|(part, matrix)| (part, matrix.select_rows(&rows))).collect()
+        };
+        if !self.unknown.ambient {
+            return Ok(Linearization::Residual { residual, jacobian, noise: Noise::Diagonal(variance) });
+        }
+        // Residual and all Jacobians side by side go through the same reflections.
+        let width = 1 + jacobian.iter().map(|(_, matrix)| matrix.ncols()).sum::<usize>();
+        let mut all = DMatrix::zeros(rows.len(), width);
+        all.set_column(0, &residual);
+        let mut column = 1;
+        for (_, matrix) in &jacobian {
+            all.columns_mut(column, matrix.ncols()).copy_from(matrix);
+            column += matrix.ncols();
+        }
+        let kept = self.marginal(&rows, &variance, all);
+        let mut column = 1;
+        let jacobian = jacobian
+            .into_iter()
+            .map(|(part, matrix)| {
+                let columns = kept.columns(column, matrix.ncols()).into_owned();
+                column += matrix.ncols();
+                (part, columns)
+            })
+            .collect();
+        let noise = Noise::Diagonal(DVector::from_element(kept.nrows(), 1.0));
+        Ok(Linearization::Residual { residual: kept.column(0).into_owned(), jacobian, noise })
     }
 
     fn expected_information(
@@ -81,7 +149,7 @@ impl MeasurementModel for FluxModel {
         at: &dyn StateView,
     ) -> Result<Option<DMatrix<f64>>, ModalityError> {
         let (flux, valid) = self.readings(m)?;
-        let (predicted, mut jacobian) = self.predicted(at)?;
+        let Explained { flux_tesla: predicted, by_pose: mut jacobian, .. } = self.predicted(at)?;
         for k in 0..flux.len() {
             let weight = if valid[k] { 1.0 / self.variance(predicted[k]).sqrt() } else { 0.0 };
             jacobian.row_mut(k).scale_mut(weight);
@@ -90,7 +158,7 @@ impl MeasurementModel for FluxModel {
         if self.unknown == Unknown::default() {
             return Ok(Some(information));
         }
-        let mut nuisance = DMatrix::zeros(flux.len(), self.unknown.count());
+        let mut nuisance = DMatrix::zeros(flux.len() + 3, self.unknown.count());
         for (k, channel) in self.channels.channels.iter().enumerate().filter(|(k, _)| valid[*k]) {
             let weight = 1.0 / self.variance(predicted[k]).sqrt();
             let strength = self.unknown.strength.then_some(predicted[k]);
@@ -99,11 +167,16 @@ impl MeasurementModel for FluxModel {
                 nuisance[(k, i)] = weight * value;
             }
         }
+        let known = self.ambient.information.cholesky().filter(|_| self.unknown.ambient);
+        if let Some(known) = known {
+            let first = usize::from(self.unknown.strength);
+            nuisance.view_mut((flux.len(), first), (3, 3)).copy_from(&known.l().transpose());
+        }
         // Nothing is known of the pose where nothing tells what else is unknown.
         let Some(covariance) = inverse_of_information(&nuisance) else {
             return Ok(Some(DMatrix::zeros(6, 6)));
         };
-        let mixed = jacobian.tr_mul(&nuisance);
+        let mixed = jacobian.tr_mul(&nuisance.rows(0, flux.len()));
         Ok(Some(information - &mixed * covariance * mixed.transpose()))
     }
 

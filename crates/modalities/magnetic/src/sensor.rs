@@ -1,7 +1,8 @@
 //! The simulated array: truth in, flux out.
 //!
-//! `reading = clip(quantise(gain · a'·(B(magnet) + B(ambient) + B(disturbances)) + bias + noise))` with a' the true axis and
-//! the sensor at its true place. Gains, axes, biases and misplacements are drawn once, from the streams `gain`, `axis`, `bias`
+//! `reading = clip(quantise(gain · (a'·(B(magnet) + B(ambient) + B(earth) + B(disturbances)) - a₀'·B₀(earth)) + bias + noise))` with a' the
+//! true axis, the sensor at its true place, and the Earth's field B₀ in which the array was zeroed, with its axes a₀' along the world's. A
+//! sphere of iron of radius r in a field B has the moment `4π r³ B/μ₀` (permeability without bound: Jackson, section 5.11). Gains, axes, biases and misplacements are drawn once, from the streams `gain`, `axis`, `bias`
 //! and `placement`; the noise of reading n from `(noise, n)`, whether it is lost from `(loss, n)`: losses shift no noise.
 
 #![expect(clippy::disallowed_types, reason = "world side: a sensor observes the truth")]
@@ -107,21 +108,38 @@ impl MagneticSensor {
         channels
     }
 
-    /// Field of everything but the magnet, T in the world.
-    fn surroundings(&self, position_m: &Vector3<f64>, at: SimTime) -> Vector3<f64> {
-        let mut field = Vector3::from(self.reality.ambient_tesla.map(|v| v.0));
-        let now_s = at.seconds();
-        for d in &self.reality.disturbance {
-            if now_s >= d.start_s.0 && now_s < d.end_s.0 {
-                let moment = Vector3::from(d.moment_a_m2.map(|v| v.0));
-                let offset = position_m - Vector3::from(d.position_mm.map(|v| v.0)) * 1e-3;
-                if let Some(axis) = moment.try_normalize(0.0) {
-                    let strength = dipole::strength_from_moment_t_m3(moment.norm());
-                    field += dipole::flux_tesla(strength, &axis, &offset);
-                }
-            }
+    /// The Earth's field as it lies now, T in the world.
+    fn earth_tesla(&self, at: SimTime) -> Vector3<f64> {
+        let mut field = Vector3::from(self.reality.earth_tesla.map(|v| v.0));
+        for turn in &self.reality.turn {
+            let done = ((at.seconds() - turn.start_s.0) / (turn.end_s.0 - turn.start_s.0)).clamp(0.0, 1.0);
+            let axis = Vector3::from(turn.axis.map(|v| v.0)).normalize();
+            field = exp_so3(&(axis * (-done * turn.angle_deg.0.to_radians()))) * field;
         }
         field
+    }
+
+    /// Moments of what comes near, each with its place; `far` is the uniform field.
+    fn disturbances(
+        &self,
+        at: SimTime,
+        far: &Vector3<f64>,
+        magnet: &MagnetPose,
+    ) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let now_s = at.seconds();
+        let here = self.reality.disturbance.iter().filter(|d| now_s >= d.start_s.0 && now_s < d.end_s.0);
+        here.map(|d| {
+            let place = Vector3::from(d.position_mm.map(|v| v.0)) * 1e-3;
+            let remanent = d.moment_a_m2.map(|m| Vector3::from(m.map(|v| v.0)));
+            let moment = remanent.unwrap_or_else(|| {
+                let radius_m = d.sphere_radius_mm.map_or(0.0, |r| r.0 * 1e-3);
+                let offset = place - magnet.position_world_m;
+                let field = far + self.source.flux_tesla(&magnet.axis_world, &offset);
+                field * (radius_m.powi(3) / dipole::strength_from_moment_t_m3(1.0))
+            });
+            (place, moment)
+        })
+        .collect()
     }
 
     /// Rounds, then clips: a clipped reading is the limit itself, which is how an estimator knows it.
@@ -129,6 +147,22 @@ impl MagneticSensor {
         let rounded = self.installed.step_tesla().map_or(value, |step| (value / step).round() * step);
         self.installed.limit_tesla().map_or(rounded, |limit| rounded.clamp(-limit, limit))
     }
+}
+
+/// Field of everything but the magnet that is seen, T in the world.
+fn surroundings(
+    position_m: &Vector3<f64>,
+    far: &Vector3<f64>,
+    near: &[(Vector3<f64>, Vector3<f64>)],
+) -> Vector3<f64> {
+    let mut field = *far;
+    for (place, moment) in near {
+        if let Some(axis) = moment.try_normalize(0.0) {
+            let strength = dipole::strength_from_moment_t_m3(moment.norm());
+            field += dipole::flux_tesla(strength, &axis, &(position_m - place));
+        }
+    }
+    field
 }
 
 /// Schema of a reading: one channel per axis, flux density in T.
@@ -171,11 +205,16 @@ impl Sensor for MagneticSensor {
         let mut flux = Vec::with_capacity(channels.len());
         channels.flux(&self.source, &magnet, &mut flux);
         let sigma = self.installed.noise_tesla();
+        let far = Vector3::from(self.reality.ambient_tesla.map(|v| v.0)) + self.earth_tesla(at);
+        let near = self.disturbances(at, &far, &magnet);
+        let zeroed = Vector3::from(self.reality.earth_tesla.map(|v| v.0));
         for (k, value) in flux.iter_mut().enumerate() {
             let channel = &channels.channels[k];
-            let around = self.surroundings(&channels.positions_world_m[channel.sensor], at);
+            let around = surroundings(&channels.positions_world_m[channel.sensor], &far, &near);
             let noise: f64 = stream.sample(StandardNormal);
-            let seen = flaws.gain[k] * (*value + channel.axis_world.dot(&around));
+            // The axis as it lay when the array was zeroed: its own frame was the world's.
+            let axis_then = world_from_array.rotation.inverse() * channel.axis_world;
+            let seen = flaws.gain[k] * (*value + channel.axis_world.dot(&around) - axis_then.dot(&zeroed));
             *value = self.digitise(seen + flaws.bias_tesla[k] + sigma * noise);
         }
         let mut known_poses = BTreeMap::new();

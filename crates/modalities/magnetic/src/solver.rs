@@ -14,7 +14,9 @@
 //! c = (NᵀWN)⁻¹ NᵀWz        r = z - N c        gradient = s JᵀW r        matrix = s² (JᵀWJ - JᵀWN (NᵀWN)⁻¹ NᵀWJ)
 //! ```
 //!
-//! which is the pose's own Fisher information with the unknown ones beside it. A negative strength is the opposite axis.
+//! which is the pose's own Fisher information with the unknown ones beside it. A negative strength is the opposite axis. What is known
+//! of the ambient field beforehand, `b ~ N(b₀, Λ⁻¹)` (reference sensors), adds Λ to NᵀWN, Λ b₀ to NᵀWz and `(b - b₀)ᵀΛ(b - b₀)` to χ²;
+//! Λ = 0 leaves differences between channels alone.
 //!
 //! Some arrays see two poses that fit equally (single-axis sensors in one plane: the pose and its mirror image; very few
 //! channels): [`solve_from_all`] hands the second out as a rival, so that nobody takes a coin's toss for a fix.
@@ -22,7 +24,7 @@
 use crate::channels::{Channels, MagnetPose, Prediction};
 use lumenav_core::pose::tangent_basis;
 use lumenav_fields::FieldSource;
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// A matrix of the five degrees of freedom.
 pub type Matrix5 = SMatrix<f64, 5, 5>;
@@ -64,6 +66,34 @@ impl Unknown {
     }
 }
 
+/// What is known of an unknown ambient field before a reading: `N(mean, information⁻¹)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AmbientPrior {
+    /// Mean, T in the world.
+    pub mean_tesla: Vector3<f64>,
+    /// Inverse covariance, 1/T²; zeros where nothing is known.
+    pub information: Matrix3<f64>,
+}
+
+impl AmbientPrior {
+    /// Nothing is known.
+    pub const NONE: Self = Self {
+        mean_tesla: Vector3::new(0.0, 0.0, 0.0),
+        information: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    };
+
+    /// `(b - b₀)ᵀ Λ (b - b₀)`.
+    pub fn chi_square(&self, ambient_tesla: &Vector3<f64>) -> f64 {
+        let away = ambient_tesla - self.mean_tesla;
+        away.dot(&(self.information * away))
+    }
+
+    /// As many observations as it stands for.
+    fn observations(&self) -> usize {
+        if self.information == Matrix3::zeros() { 0 } else { 3 }
+    }
+}
+
 /// Columns of what is unknown at most: strength and ambient field. Those that are known hold a one on the diagonal and nothing beside it.
 type Matrix4 = SMatrix<f64, 4, 4>;
 type Vector4 = SVector<f64, 4>;
@@ -81,7 +111,7 @@ pub struct Solution {
     pub strength: f64,
     /// The ambient field, T; zero where it is known.
     pub ambient_tesla: Vector3<f64>,
-    /// Degrees of freedom, what is unknown beside the pose with them.
+    /// Degrees of freedom, what is unknown beside the pose with them; less what is known of it beforehand.
     pub freedom: usize,
     /// Valid channels.
     pub channels: usize,
@@ -113,6 +143,8 @@ pub struct Readings<'a> {
     pub variance_tesla2: &'a [f64],
     /// What is unknown beside the pose.
     pub unknown: Unknown,
+    /// What is known beforehand of the ambient field, where it is unknown.
+    pub ambient: AmbientPrior,
 }
 
 /// Buffers of a solver; one per front end.
@@ -163,6 +195,13 @@ fn solve_linear(
         by_pose += weighted * Vector5::from([p.x, p.y, p.z, a.dot(e1), a.dot(e2)]).transpose();
         right += weighted * (readings.flux_tesla[k] - known);
     }
+    if unknown.ambient {
+        let prior = &readings.ambient;
+        let mut block = normal.fixed_view_mut::<3, 3>(1, 1);
+        block += prior.information;
+        let mut block = right.fixed_rows_mut::<3>(1);
+        block += prior.information * prior.mean_tesla;
+    }
     for i in 0..4 {
         if (i == 0 && !unknown.strength) || (i > 0 && !unknown.ambient) {
             normal[(i, i)] = 1.0;
@@ -206,6 +245,9 @@ fn normal_equations(
         }
     }
     let (strength, ambient) = (normal.strength, normal.ambient_tesla);
+    if readings.unknown.ambient {
+        normal.chi_square += readings.ambient.chi_square(&ambient);
+    }
     let rows = prediction.flux_tesla.iter().zip(&prediction.by_position).zip(&prediction.by_axis);
     let observed = readings.flux_tesla.iter().zip(readings.valid).zip(readings.variance_tesla2);
     for ((((flux, p), a), ((seen, valid), variance)), channel) in rows.zip(observed).zip(&channels.channels) {
@@ -279,11 +321,12 @@ pub fn solve(
         magnet.axis_world = -magnet.axis_world;
         normal = normal_equations(channels, source, &magnet, readings, workspace);
     }
+    let prior = if readings.unknown.ambient { readings.ambient.observations() } else { 0 };
     Solution {
         magnet,
         strength: normal.strength,
         ambient_tesla: normal.ambient_tesla,
-        freedom: readings.unknown.freedom(),
+        freedom: readings.unknown.freedom() - prior,
         chi_square: normal.chi_square,
         information: normal.matrix,
         channels: readings.valid.iter().filter(|v| **v).count(),

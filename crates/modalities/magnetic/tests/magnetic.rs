@@ -9,6 +9,8 @@ mod magnetic {
     mod front_end;
     /// The laws of the seam.
     mod laws;
+    /// What is unknown beside the pose.
+    mod nuisance;
     /// Recorded data.
     mod reader;
     /// The simulated array.

@@ -1,12 +1,13 @@
 //! `layout evaluate`: the map of the bound over the workspace.
 
-use super::{Job, Judged, Setting, map, show};
+use super::{Job, Judged, Setting, map, scene, show};
 use crate::args::Verbosity;
 use crate::files;
 use serde::Serialize;
 
 /// Files that appear.
-const FILES: [&str; 3] = ["evaluation.json", "map.csv", "map.svg"];
+const FILES: [&str; 6] =
+    ["evaluation.json", "map.csv", "map.svg", "map.rrd", "posterior.csv", "posterior.svg"];
 
 #[derive(Serialize)]
 struct Report {
@@ -28,7 +29,15 @@ pub(super) fn evaluate(job: &Job<'_>) -> anyhow::Result<()> {
     if let Some(svg) = map::svg(&opened.workspace, &evaluation, elements)? {
         texts.push((FILES[2], svg));
     }
-    let written = files::write(&out, &texts)?;
+    if let Some(posterior) = &report.judged.posterior {
+        texts.push((FILES[4], map::posterior_csv(posterior)));
+        texts.push((FILES[5], map::posterior_svg(posterior)?));
+    }
+    let mut written = files::write(&out, &texts)?;
+    if let Some(still) = scene::still(&report.setting, &opened.workspace, &evaluation, elements) {
+        still.write(&out.join(FILES[3]))?;
+        written.push(out.join(FILES[3]));
+    }
     if job.options.json {
         return crate::output::print(format_args!("{json}"));
     }

@@ -2,7 +2,7 @@
 
 use lumenav::core::LayoutElement;
 use lumenav::figures::{Axis, Figure, Map, Maps, Panel, Scale, Series};
-use lumenav::layouts::{Evaluation, Workspace};
+use lumenav::layouts::{Evaluation, Posterior, Workspace};
 use std::fmt::Write as _;
 
 /// A row per pose; an infinite bound leaves its fields empty.
@@ -85,4 +85,26 @@ pub(super) fn pareto_svg(
         return Ok(None);
     }
     Ok(Some(Figure::of(panel).panel_size(420, 300).to_svg()?))
+}
+
+/// A row per reading of a path; an infinite bound leaves its field empty.
+pub(super) fn posterior_csv(posterior: &Posterior) -> String {
+    let mut text = "t_s,one_reading_mm,with_a_filter_mm\n".to_owned();
+    for at in &posterior.course {
+        let one = at.one_reading_mm.map_or_else(String::new, |v| v.to_string());
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{},{one},{}", at.t_s, at.position_mm);
+    }
+    text
+}
+
+/// Both bounds over time.
+pub(super) fn posterior_svg(posterior: &Posterior) -> anyhow::Result<String> {
+    let one: Vec<(f64, f64)> =
+        posterior.course.iter().filter_map(|at| Some((at.t_s, at.one_reading_mm?))).collect();
+    let both: Vec<(f64, f64)> = posterior.course.iter().map(|at| (at.t_s, at.position_mm)).collect();
+    let panel = Panel::new(Axis::linear("time (s)"), Axis::linear("bound (mm)").at_least(0.0, 0.0))
+        .with(Series::ours(0, "of one reading").line(0).points(&one))
+        .with(Series::ours(1, "with all before it").line(0).points(&both));
+    Ok(Figure::of(panel).panel_size(560, 300).to_svg()?)
 }

@@ -34,6 +34,9 @@ struct Report {
     /// Candidates left out because they give no reading at some pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     unusable_candidates: Option<usize>,
+    /// Candidates left out because a mirror image of them is missing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unpaired_candidates: Option<usize>,
     /// The criterion of the layout as installed; absent: infinite.
     installed: Option<f64>,
     /// That of the layout found.
@@ -50,7 +53,8 @@ struct Report {
 /// A layout, and how good any could be.
 struct Result {
     found: Found,
-    candidates: Option<(usize, usize)>,
+    /// Candidates that could be chosen; those that could not, and those without a mirror image.
+    candidates: Option<[usize; 3]>,
     lower_bound: Option<f64>,
 }
 
@@ -59,7 +63,7 @@ pub(super) fn optimize(job: &Job<'_>) -> anyhow::Result<()> {
     files::check_free(&out, &FILES, job.options.force)?;
     let search = &opened.study.search;
     let question = Question {
-        spacing_m: search.spacing_m,
+        sites: search.sites.clone(),
         seed: search.seed,
         starts: search.starts,
         ..Question::new(&*opened.model, &opened.workspace, search.criterion)
@@ -106,11 +110,11 @@ fn search_for(job: &Job<'_>, opened: &OpenedLayout, question: &Question<'_>) -> 
     }
     let count = search.count.unwrap_or(opened.model.elements().len());
     let chosen = choose(question, count, &job.threads, &watch, &stopped)?;
-    let bound = lower_bound(&chosen.table, &opened.model.prior(), count, criterion, &stopped);
+    let bound = lower_bound(&chosen.table, &opened.model.prior(), chosen.orbits, criterion, &stopped);
     bar.finish_and_clear();
     Ok(Result {
         found: chosen.found,
-        candidates: Some((chosen.candidates, chosen.unusable)),
+        candidates: Some([chosen.candidates, chosen.unusable, chosen.unpaired]),
         lower_bound: bound,
     })
 }
@@ -132,8 +136,9 @@ fn report(
         starts: result.found.all_f.len(),
         best_start: result.found.start,
         of_starts: result.found.all_f.iter().map(|f| criterion.shown(*f)).collect(),
-        candidates: result.candidates.map(|(usable, _)| usable),
-        unusable_candidates: result.candidates.map(|(_, unusable)| unusable),
+        candidates: result.candidates.map(|[usable, ..]| usable),
+        unusable_candidates: result.candidates.map(|[_, unusable, _]| unusable),
+        unpaired_candidates: result.candidates.map(|[.., unpaired]| unpaired),
         installed: shown(question.value(opened.model.elements())),
         found: criterion.shown(result.found.f),
         lower_bound: result.lower_bound,
@@ -158,8 +163,11 @@ fn tell(report: &Report) -> anyhow::Result<()> {
     )?;
     if let Some(unusable) = report.unusable_candidates.filter(|n| *n > 0) {
         say!(
-            "{unusable} candidates left out: they give no reading at some pose (saturated, or in the magnet)"
+            "{unusable} candidates left out: they give no reading at some pose (saturated, or in the magnet) or stand where nothing may"
         )?;
+    }
+    if let Some(unpaired) = report.unpaired_candidates.filter(|n| *n > 0) {
+        say!("{unpaired} candidates left out: a mirror image of them is missing")?;
     }
     match report.lower_bound {
         Some(bound) if report.unit == "mm" => say!(

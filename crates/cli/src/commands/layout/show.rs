@@ -2,6 +2,7 @@
 
 use super::{Judged, Setting};
 use comfy_table::{CellAlignment, presets};
+use lumenav::layouts::Posterior;
 
 fn figure(value: Option<f64>) -> String {
     value.map_or_else(|| "infinite".to_owned(), |v| format!("{v:.3}"))
@@ -10,6 +11,15 @@ fn figure(value: Option<f64>) -> String {
 fn deaths(judged: &Judged, at: usize) -> String {
     judged.deaths.get(at).map_or_else(|| "-".to_owned(), |d| figure(d.rms_mm))
 }
+
+type OfPosterior = fn(&Posterior) -> f64;
+
+/// What a filter can reach along a path.
+const POSTERIOR: [(&str, OfPosterior); 3] = [
+    ("with a filter, rms mm", |p| p.rms_mm),
+    ("with a filter, p95 mm", |p| p.p95_mm),
+    ("with a filter, worst mm", |p| p.worst_mm),
+];
 
 /// The table of some layouts.
 pub(super) fn table(setting: &Setting, layouts: &[(String, &Judged)]) -> String {
@@ -35,6 +45,11 @@ pub(super) fn table(setting: &Setting, layouts: &[(String, &Judged)]) -> String 
     let most = layouts.iter().map(|(_, j)| j.deaths.len()).max().unwrap_or(0);
     for at in 0..most {
         row(&format!("rms mm, worst {} dead", at + 1), &|j| deaths(j, at));
+    }
+    for (name, of) in POSTERIOR {
+        if layouts.iter().any(|(_, judged)| judged.posterior.is_some()) {
+            row(name, &|j| figure(j.posterior.as_ref().map(of)));
+        }
     }
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);

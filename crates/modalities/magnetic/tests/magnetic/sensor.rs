@@ -174,6 +174,13 @@ fn law_bad_tables_are_refused_with_file_line_and_key() {
             "[[disturbance]]\nstart_s = 2\nend_s = 1\nposition_mm = [0,0,0]\nmoment_a_m2 = [0,0,1]",
             "`disturbance",
         ),
+        (plane, "[[disturbance]]\nstart_s = 1\nend_s = 2\nposition_mm = [0,0,0]", "give one of them"),
+        (plane, "[[turn]]\nstart_s = 1\nend_s = 2\naxis = [0,0,0]\nangle_deg = 90", "axis of length zero"),
+        (
+            plane,
+            "[[turn]]\nstart_s = 0\nend_s = 2\naxis = [0,0,1]\nangle_deg = 90\n[[turn]]\nstart_s = 1\nend_s = 3\naxis = [0,0,1]\nangle_deg = 90",
+            "starts before the last one ends",
+        ),
     ] {
         let error = refuse(installed, reality);
         assert!(error.contains(wanted), "{error}, wanted: {wanted}");
@@ -185,4 +192,31 @@ fn law_bad_tables_are_refused_with_file_line_and_key() {
     let mut sensor = sensor("array = \"plane-4x4\"\nworn_on = \"knee\"", "", [0.0; 3]);
     let error = sensor.observe(&AtRest(pose()), SimTime::ZERO, &RandomStreams::new(1, 0, "a")).unwrap_err();
     assert!(error.to_string().contains("knee"), "{error}");
+}
+
+/// An array zeroed in the Earth's field sees it as far as the patient has turned: by 90 degrees about z, `(E, 0, 0)` has become
+/// `(0, -E, 0)`. A sphere of iron in a field E has the field `r³ (3 (E·d)d/d⁵ - E/d³)` of its own.
+#[test]
+fn closed_form_the_earths_field_turns_and_magnetises_iron() {
+    let quiet = "array = \"plane-4x4\"\nquantization = false\nsaturation = false\nnoise_tesla = 1e-20\n";
+    let streams = RandomStreams::new(1, 0, "array");
+    let base = readings(&mut *sensor(quiet, "", [0.0; 3]), &streams, 5);
+    let turn = "earth_tesla = [5e-5, 0, 0]\n[[turn]]\nstart_s = 0.1\nend_s = 0.3\naxis = [0, 0, 2]\nangle_deg = 90\n";
+    let turned = readings(&mut *sensor(quiet, turn, [0.0; 3]), &streams, 5);
+    let half = 5e-5 * 0.5_f64.sqrt();
+    let wanted = [[0.0; 3], [0.0; 3], [half - 5e-5, -half, 0.0], [-5e-5, -5e-5, 0.0], [-5e-5, -5e-5, 0.0]];
+    for (n, wanted) in wanted.iter().enumerate() {
+        for k in 0..48 {
+            assert!((turned[n][k] - base[n][k] - wanted[k % 3]).abs() < 1e-17, "reading {n}, channel {k}");
+        }
+    }
+    let iron = "earth_tesla = [0, 0, 5e-5]\n[[disturbance]]\nstart_s = 0\nend_s = 0.05\nposition_mm = [0, 0, 10000]\nsphere_radius_mm = 500\n";
+    let near = readings(&mut *sensor(quiet, iron, [0.0; 3]), &streams, 2);
+    let (z, rho2): (f64, f64) = (10.0, 2.0 * (0.5_f64 / 6.0).powi(2));
+    let r2 = z * z + rho2;
+    let expected = 0.5_f64.powi(3) * 5e-5 * (3.0 * z * z / r2 - 1.0) / r2.powf(1.5);
+    // The capsule's magnet, ten metres away, magnetises it by a millionth of what the Earth does.
+    let k = 3 * 5 + 2;
+    assert!(((near[0][k] - base[0][k]) / expected - 1.0).abs() < 1e-4);
+    assert!((near[1][k] - base[1][k]).abs() < 1e-18);
 }

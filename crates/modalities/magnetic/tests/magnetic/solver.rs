@@ -6,7 +6,7 @@ use lumenav_fields::FieldSource;
 use lumenav_magnetic::array::SensorArray;
 use lumenav_magnetic::bound::bound;
 use lumenav_magnetic::channels::{Channels, MagnetPose};
-use lumenav_magnetic::solver::{Readings, Search, Unknown, Workspace, solve, solve_from_all};
+use lumenav_magnetic::solver::{AmbientPrior, Readings, Search, Unknown, Workspace, solve, solve_from_all};
 use nalgebra::{Isometry3, Vector3};
 
 fn both_ways(position_world_m: Vector3<f64>) -> [MagnetPose; 2] {
@@ -15,8 +15,13 @@ fn both_ways(position_world_m: Vector3<f64>) -> [MagnetPose; 2] {
 
 fn search(channels: &Channels, source: &FieldSource, flux: &[f64], starts: &[MagnetPose]) -> Search {
     let (valid, variance) = (vec![true; flux.len()], vec![SIGMA_TESLA.powi(2); flux.len()]);
-    let readings =
-        Readings { flux_tesla: flux, valid: &valid, variance_tesla2: &variance, unknown: Unknown::default() };
+    let readings = Readings {
+        flux_tesla: flux,
+        valid: &valid,
+        variance_tesla2: &variance,
+        unknown: Unknown::default(),
+        ambient: AmbientPrior::NONE,
+    };
     solve_from_all(channels, source, readings, starts, &mut Workspace::default()).unwrap()
 }
 
@@ -151,6 +156,7 @@ fn regress_a_stiff_start_is_not_taken_for_the_end() {
         valid: &valid,
         variance_tesla2: &variance,
         unknown: Unknown::default(),
+        ambient: AmbientPrior::NONE,
     };
     let mut random = stream("far", 0);
     for _ in 0..300 {
@@ -195,7 +201,13 @@ fn law_an_unknown_strength_and_field_are_solved_for_at_their_bound() {
                 *z += ambient.dot(&channel.axis_world);
             }
             let (valid, variance) = (vec![true; flux.len()], vec![SIGMA_TESLA.powi(2); flux.len()]);
-            let readings = Readings { flux_tesla: &flux, valid: &valid, variance_tesla2: &variance, unknown };
+            let readings = Readings {
+                flux_tesla: &flux,
+                valid: &valid,
+                variance_tesla2: &variance,
+                unknown,
+                ambient: AmbientPrior::NONE,
+            };
             let found = solve_from_all(&channels, &dipole(), readings, &starts, &mut Workspace::default())
                 .unwrap()
                 .best;
@@ -234,7 +246,13 @@ fn law_the_information_is_that_of_the_bound_with_as_much_unknown() {
         channels.flux(&dipole(), &truth, &mut flux);
         let (valid, variance) = (vec![true; flux.len()], vec![SIGMA_TESLA.powi(2); flux.len()]);
         let unknown = Unknown { strength: true, ambient: false };
-        let readings = Readings { flux_tesla: &flux, valid: &valid, variance_tesla2: &variance, unknown };
+        let readings = Readings {
+            flux_tesla: &flux,
+            valid: &valid,
+            variance_tesla2: &variance,
+            unknown,
+            ambient: AmbientPrior::NONE,
+        };
         let found = solve(&channels, &dipole(), readings, &truth, &mut Workspace::default());
         let covariance = found.information.cholesky().unwrap().inverse();
         let ours = covariance.fixed_view::<3, 3>(0, 0).into_owned();
