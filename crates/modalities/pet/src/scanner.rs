@@ -290,7 +290,11 @@ impl Scanner {
     #[must_use]
     pub fn of_blocks(&self, chosen: &[(usize, Block)]) -> Self {
         let pairs = chosen.iter().flat_map(|(a, _)| chosen.iter().map(|(b, _)| self.can_coincide(*a, *b)));
-        Self { pairs: pairs.collect(), blocks: chosen.iter().map(|(_, block)| *block).collect(), ..self.clone() }
+        Self {
+            pairs: pairs.collect(),
+            blocks: chosen.iter().map(|(_, block)| *block).collect(),
+            ..self.clone()
+        }
     }
 
     /// Block of a crystal; `None` where there is no such crystal.

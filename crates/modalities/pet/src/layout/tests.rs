@@ -116,7 +116,8 @@ fn law_a_dead_block_takes_its_pair_with_it() {
     let layout = layout(INSTALLED, "");
     let of = |numbers: &[usize]| information(&layout, &some(&layout, numbers), &pose());
     let (first, second) = (of(&[0, 2]), of(&[1, 3]));
-    for (left, wanted) in [([1, 2, 3], &second), ([0, 2, 3], &first), ([0, 1, 3], &second), ([0, 1, 2], &first)]
+    for (left, wanted) in
+        [([1, 2, 3], &second), ([0, 2, 3], &first), ([0, 1, 3], &second), ([0, 1, 2], &first)]
     {
         assert_eq!(of(&left), *wanted, "{left:?}");
     }
@@ -130,9 +131,8 @@ fn law_a_dead_block_takes_its_pair_with_it() {
     let (mut worker, mut packed) = (layout.worker(), [f64::NAN; NUMBERS]);
     for (numbers, wanted) in [(&[0, 2][..], &first), (&[3, 1], &second), (&[0, 2], &first)] {
         worker.together(&some(&layout, numbers), &pose(), &mut packed);
-        assert!(difference(wanted, &unpack(&packed)) < 0.02);
+        assert_eq!(unpack(&packed), *wanted, "{numbers:?}");
     }
-    assert_eq!(unpack(&packed), first);
 }
 
 #[test]
@@ -210,6 +210,7 @@ fn law_information_turns_with_the_capsule_in_a_symmetric_scanner() {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
     let found = information(&layout, layout.elements(), &(turn * pose()));
     let off = difference(&turned(&once, &turn), &found);
+    println!("{off}");
     assert!(off < 0.02, "{off}");
 }
 
@@ -245,12 +246,16 @@ fn law_changes_of_a_scanner_are_as_in_its_file() {
         .replace("columns = 38", "columns = 28")
         .replace("rows = 29", "rows = 20");
     let wanted = Scanner::from_node(&node(&text)).unwrap();
-    let changes = "scanner_changes = { radius_mm = 350, angles_deg = [0, 60, 180, 240], columns = 28, rows = 20 }\n";
+    let changes =
+        "scanner_changes = { radius_mm = 350, angles_deg = [0, 60, 180, 240], columns = 28, rows = 20 }\n";
     let found = layout(&format!("{INSTALLED}{changes}"), "");
     assert_eq!(found.scanner, wanted);
     assert_eq!(found.elements().iter().map(|e| e.cost).sum::<f64>(), 2240.0);
     // Nothing named, nothing changed; a scanner of listed blocks has crystals as well.
-    assert_eq!(layout(&format!("{INSTALLED}scanner_changes = {{}}\n"), "").scanner, layout(INSTALLED, "").scanner);
+    assert_eq!(
+        layout(&format!("{INSTALLED}scanner_changes = {{}}\n"), "").scanner,
+        layout(INSTALLED, "").scanner
+    );
     let heads = "scanner = \"adac-forte\"\nscanner_changes = { rows = 2 }\n";
     assert_eq!(layout(heads, "").scanner.grid.rows, 2);
     // A full ring keeps its blocks, at equal angles.
@@ -279,7 +284,12 @@ fn law_bad_input_is_refused_by_key() {
         (&changes("radius_mm = 0"), "", &triangle, ["test.toml:3:", "scanner_changes.radius_mm", "above 0"]),
         (&changes("radius_mm = 2e4"), "", &triangle, ["test.toml:3:", "radius_mm", "up to 10000 mm"]),
         (&changes("angles_deg = [0, 60, 180]"), "", &triangle, ["test.toml:3:", "angles_deg", "allowed: 4"]),
-        (&changes("angles_deg = [0, 10, 180, 190]"), "", &triangle, ["test.toml:3:", "blocks 0 and 1", "overlap"]),
+        (
+            &changes("angles_deg = [0, 10, 180, 190]"),
+            "",
+            &triangle,
+            ["test.toml:3:", "blocks 0 and 1", "overlap"],
+        ),
         (&changes("radius_mm = 60"), "", &triangle, ["test.toml:3:", "scanner_changes", "overlap"]),
         (&changes("depth_mm = 3"), "", &triangle, ["test.toml:3:", "depth_mm", "columns"]),
         (&heads, "", &triangle, ["test.toml:2:", "scanner_changes.radius_mm", "no [ring]"]),

@@ -371,10 +371,18 @@ impl Likelihood {
         pose: &Isometry3<f64>,
         weights: &Weights,
     ) -> Matrix6<f64> {
-        self.expected_of_counts(window, pose, weights, |_| 1.0)
+        let mut placed = [Placed::default(); MAX_MARKERS];
+        let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
+        let mut information = Matrix6::zeros();
+        for k in 0..window.near_indices.len() {
+            let (shape, lane) = (&window.shapes[k / super::lanes::LANES], k % super::lanes::LANES);
+            information += super::expected::of_line(shape, lane, &placed[..used], weights.background);
+        }
+        to_capsule_axes(&information, &pose.rotation.to_rotation_matrix().into_inner())
     }
 
-    /// As [`Self::expected_information`], for `count(i)` lines like the i-th that the window was given: bundles of a plan.
+    /// As [`Self::expected_information`], integrated finely, for `count(i)` lines like the i-th that the window was given: bundles of a
+    /// plan.
     pub(crate) fn expected_of_counts(
         &self,
         window: &Window,
@@ -385,10 +393,11 @@ impl Likelihood {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
         let mut information = Matrix6::zeros();
-        for (k, index) in window.near_indices.iter().enumerate() {
-            let (shape, lane) = (&window.shapes[k / super::lanes::LANES], k % super::lanes::LANES);
-            let one = super::expected::of_line(shape, lane, &placed[..used], weights.background);
-            information += one * count(*index as usize);
+        for (shape, indices) in window.shapes.iter().zip(window.near_indices.chunks(super::lanes::LANES)) {
+            let lines = super::expected::of_pack(shape, &placed[..used], weights.background);
+            for (line, index) in lines.iter().zip(indices) {
+                information += line * count(*index as usize);
+            }
         }
         to_capsule_axes(&information, &pose.rotation.to_rotation_matrix().into_inner())
     }
