@@ -171,7 +171,11 @@ fn law_a_scanner_is_compared_and_not_searched_for() {
         ("optimize", "layout.optimize.x_mm=[-500, 500]", ["work only together", "layout compare"]),
         ("evaluate", "layout.model.background_share=1", ["layout.model.background_share", "below 1"]),
         ("evaluate", "layout.model.candidates=\"a\"", ["unknown field", "per_side"]),
-        ("evaluate", "sensor.scanner.installed.scanner_changes.columns=0", ["scanner_changes.columns", "1 to"]),
+        (
+            "evaluate",
+            "sensor.scanner.installed.scanner_changes.columns=0",
+            ["scanner_changes.columns", "1 to"],
+        ),
     ] {
         let folder = scratch();
         let out = folder.path().join("layout");

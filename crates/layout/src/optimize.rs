@@ -83,8 +83,7 @@ impl<'a> Question<'a> {
             return Ok(());
         };
         let mut information = self.model.prior();
-        let is_independent =
-            self.model.worker().each(std::slice::from_ref(element), pose, &mut information);
+        let is_independent = self.model.worker().each(std::slice::from_ref(element), pose, &mut information);
         if is_independent { Ok(()) } else { Err(LayoutError::Dependent) }
     }
 

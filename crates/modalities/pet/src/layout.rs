@@ -16,7 +16,11 @@
 //! What the bound does not know. It is local: an isosceles triangle of markers of one activity is the same after half a turn about
 //! its axis, and the bound of the roll holds within one of the two. The capsule rests for the window; activities are those of the
 //! scenario's start; the background's share is the same at every pose and for every layout, as told in `[layout.model]`, although wide or near
-//! blocks catch more scattered and random lines; blocks lose nothing to dead time.
+//! blocks catch more scattered and random lines (simulated: 17 % at 350 mm, 10 % at 500 mm with two pairs of 38 columns); blocks lose nothing to
+//! dead time.
+//!
+//! Time of a pose (`dev` profile, `per_side` 6, three markers): 13 ms for two pairs of blocks, 0.1 s for a full ring of 28. `layout.dead`
+//! asks again for every choice of dead blocks: of a full ring two dead blocks are 378 choices, hours.
 
 use crate::MarkerSet;
 use crate::config::{Installed, isotopes};

@@ -8,8 +8,9 @@
 //! ```
 //!
 //! with N the expected true lines of a bundle and β the share of background among the lines that pass near the markers: of all background
-//! lines, [`BACKGROUND_NEAR`]. The bound is local: it knows nothing of flips and of
-//! poses that a symmetry cannot tell apart; an isosceles triangle's roll is bounded within one of its two.
+//! lines, [`BACKGROUND_NEAR`]. The integral is a fine sum over a grid (`tracking::expected`, 2e-3), the sum over bundles stands as
+//! [`PER_SIDE`] says. The bound is local: it knows nothing of flips and of poses that a symmetry cannot tell apart; an isosceles triangle's
+//! roll is bounded within one of its two.
 
 use super::sensitivity::{PhotonDetection, bundles};
 use crate::tracking::noise::BACKGROUND_NEAR;

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! β positrons per decay, τ the optical depth at 511 keV, μ_s the scintillator's. The integral runs over the block's face by the
-//! midpoint rule. Lines of photons that did not scatter in the body, alone: scattered and random lines are the background, which a plan
+//! midpoint rule, in parts of which each counts by the share that sees the partner. Lines of photons that did not scatter in the body, alone: scattered and random lines are the background, which a plan
 //! takes as a share. Neglected: photons that enter a block through its side, dead time.
 
 use crate::Scanner;
