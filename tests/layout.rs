@@ -139,16 +139,52 @@ fn law_bad_studies_are_refused_by_name() {
     let message =
         refused(&mut layout("evaluate", "scenarios/helix-magnetic.toml", &scratch().path().join("x")));
     assert!(message.contains("has no [layout]"), "{message}");
-    let message =
-        refused(layout("evaluate", "scenarios/helix-pet.toml", &scratch().path().join("x")).args([
-            "--set",
-            "layout.workspace.x_mm=[0]",
-            "--set",
-            "layout.workspace.y_mm=[0]",
-            "--set",
-            "layout.workspace.z_mm=[0]",
-        ]));
-    assert!(message.contains("has no layouts yet") || message.contains("pet"), "{message}");
+}
+
+/// Blocks of a scanner say nothing one by one: judged and compared, and a search is refused in words.
+#[test]
+fn law_a_scanner_is_compared_and_not_searched_for() {
+    let study = "scenarios/layout/pet-pairs.toml";
+    let few = [
+        "--set",
+        "layout.workspace.x_mm=[0]",
+        "--set",
+        "layout.workspace.y_mm=[0]",
+        "--set",
+        "layout.workspace.z_mm=[0, 30]",
+    ];
+    let folder = scratch();
+    ok(layout("compare", study, folder.path()).args(few));
+    let compared = json(&folder.path().join("comparison.json"));
+    let layouts = compared["layouts"].as_array().expect("layouts");
+    assert_eq!((layouts.len(), compared["cost_unit"].as_str()), (27, Some("crystals")));
+    let rms = |at: usize| layouts[at]["rms_mm"].as_f64().expect("a bound at every pose");
+    let at = |name: &str| layouts.iter().position(|l| l["name"] == name).expect("an alternative");
+    assert_eq!(layouts[0]["cost"], 4408.0);
+    // Nearer blocks and wider ones see more lines.
+    assert!(rms(at("90 deg, 38 wide, 350 mm")) < rms(0) && rms(0) < rms(at("90 deg, 38 wide, 500 mm")));
+    assert!(rms(0) < rms(at("90 deg, 28 wide, 432 mm")));
+    // One pair still sees all six parameters.
+    assert!(layouts[0]["deaths"][0]["rms_mm"].as_f64().expect("a bound") > rms(0));
+    for (what, set, words) in [
+        ("optimize", "layout.optimize.starts=1", ["work only together", "layout compare"]),
+        ("optimize", "layout.optimize.x_mm=[-500, 500]", ["work only together", "layout compare"]),
+        ("evaluate", "layout.model.background_share=1", ["layout.model.background_share", "below 1"]),
+        ("evaluate", "layout.model.candidates=\"a\"", ["unknown field", "per_side"]),
+        (
+            "evaluate",
+            "sensor.scanner.installed.scanner_changes.columns=0",
+            ["scanner_changes.columns", "1 to"],
+        ),
+    ] {
+        let folder = scratch();
+        let out = folder.path().join("layout");
+        let message = refused(layout(what, study, &out).args(few).args(["--set", set]));
+        for word in words {
+            assert!(message.contains(word), "`{set}`: expected `{word}` in: {message}");
+        }
+        assert!(!out.exists(), "{set} left {}", out.display());
+    }
 }
 
 /// A workspace far outside all sensitivity, and an array that cannot see: infinite in words, no number.

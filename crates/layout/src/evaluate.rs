@@ -167,6 +167,8 @@ pub struct Deaths {
 const MOST_CHOICES: usize = 3000;
 /// Poses that deaths are judged at: spread over the workspace.
 const DEATH_POSES: usize = 500;
+/// The same two where elements work only together: every choice is then a layout of its own, computed anew (0.1 s a pose for a full ring).
+const MOST_TOGETHER: [usize; 2] = [100, 50];
 
 /// What the death of 1 to `most` elements does at worst.
 ///
@@ -180,14 +182,16 @@ pub fn deaths(
     executor: &dyn Executor,
     stopped: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<Deaths>, LayoutError> {
-    let step = workspace.len().div_ceil(DEATH_POSES);
+    let [most_choices, most_poses] =
+        if works_alone(model, elements, workspace) { [MOST_CHOICES, DEATH_POSES] } else { MOST_TOGETHER };
+    let step = workspace.len().div_ceil(most_poses);
     let poses: Vec<_> = (0..workspace.len()).step_by(step).map(|i| workspace.pose(i)).collect();
     let survivors = Survivors::new(model, elements, &poses);
     let rms = |dead: &Vec<usize>| (!stopped()).then(|| survivors.rms_mm(dead));
     let mut all: Vec<Deaths> = Vec::new();
     let mut worst: Vec<usize> = Vec::new();
     for dead in 1..=most.min(elements.len().saturating_sub(1)) {
-        let every = combinations(elements.len(), dead, MOST_CHOICES);
+        let every = combinations(elements.len(), dead, most_choices);
         let exhaustive = every.is_some();
         let choices = every.unwrap_or_else(|| {
             let more = (0..elements.len()).filter(|i| !worst.contains(i));
@@ -210,6 +214,15 @@ pub fn deaths(
         });
     }
     Ok(all)
+}
+
+/// Whether an element says anything by itself.
+fn works_alone(model: &dyn LayoutModel, elements: &[LayoutElement], workspace: &Workspace) -> bool {
+    let mut information = model.prior();
+    let mut worker = model.worker();
+    elements
+        .first()
+        .is_none_or(|first| worker.each(std::slice::from_ref(first), &workspace.pose(0), &mut information))
 }
 
 /// What is left of a layout without some of its elements.

@@ -40,7 +40,9 @@ pub enum LayoutError {
     #[error(transparent)]
     Modality(#[from] lumenav_core::ModalityError),
     /// Elements that work only together cannot be chosen one by one.
-    #[error("the elements of this sensor work only together; they cannot be chosen or moved one by one")]
+    #[error(
+        "the elements of this sensor work only together (coincidences of two); they cannot be chosen or moved one by one; give them as [[layout.alternative]] and use `lumenav layout compare`"
+    )]
     Dependent,
     /// No layout of so many elements is possible.
     #[error("{0}")]

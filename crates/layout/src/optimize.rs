@@ -75,6 +75,19 @@ impl<'a> Question<'a> {
             Inverse::of(&information, dimension)
         })
     }
+
+    /// Whether an element says anything by itself: what both searches stand on.
+    ///
+    /// # Errors
+    /// [`LayoutError::Dependent`].
+    pub fn check_independent(&self) -> Result<(), LayoutError> {
+        let (Some(element), Some(pose)) = (self.model.elements().first(), self.poses.first()) else {
+            return Ok(());
+        };
+        let mut information = self.model.prior();
+        let is_independent = self.model.worker().each(std::slice::from_ref(element), pose, &mut information);
+        if is_independent { Ok(()) } else { Err(LayoutError::Dependent) }
+    }
 }
 
 /// How a start ended.

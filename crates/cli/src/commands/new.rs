@@ -12,7 +12,7 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 23] = [
+const SHIPPED: [(&str, &str); 24] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
     ("colon-pet-bed", include_str!("../../../../scenarios/colon-pet-bed.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
@@ -22,6 +22,7 @@ const SHIPPED: [(&str, &str); 23] = [
     ("layout/belt-helix", include_str!("../../../../scenarios/layout/belt-helix.toml")),
     ("layout/cylinder", include_str!("../../../../scenarios/layout/cylinder.toml")),
     ("layout/one-plane", include_str!("../../../../scenarios/layout/one-plane.toml")),
+    ("layout/pet-pairs", include_str!("../../../../scenarios/layout/pet-pairs.toml")),
     ("layout/planes-candidates", include_str!("../../../../scenarios/layout/planes-candidates.toml")),
     ("layout/two-planes", include_str!("../../../../scenarios/layout/two-planes.toml")),
     ("matched-magnetic", include_str!("../../../../scenarios/matched-magnetic.toml")),

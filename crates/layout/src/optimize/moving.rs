@@ -134,14 +134,8 @@ impl<'a> Search<'a> {
         if variables.is_empty() {
             return Err(LayoutError::Impossible("nothing may move: give a range along an axis".to_owned()));
         }
-        let prior = question.model.prior();
-        let mut buffer = prior.clone();
-        if let (Some(element), Some(pose)) = (elements.first(), question.poses.first())
-            && !question.model.worker().each(std::slice::from_ref(element), pose, &mut buffer)
-        {
-            return Err(LayoutError::Dependent);
-        }
-        Ok(Self { question, variables, moves, prior })
+        question.check_independent()?;
+        Ok(Self { question, variables, moves, prior: question.model.prior() })
     }
 
     fn start(&self, start: usize) -> Vec<f64> {

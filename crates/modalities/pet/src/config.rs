@@ -5,7 +5,7 @@
 //! `[track.sensor.<name>]` what an estimator is told to do. The markers stand in the capsule's model: `[[marker]]`.
 
 use crate::markers::{Marker, MarkerSet};
-use crate::scanner::Scanner;
+use crate::scanner::{ChangesTable, Scanner};
 use crate::simulation::{EndPoints, Isotope, Mode, Scintillator};
 use crate::tracking::mixture::MOST_START_WINDOWS;
 use lumenav_anatomy::phantom::Phantom;
@@ -19,6 +19,8 @@ use serde::{Deserialize, Serialize};
 pub struct InstalledTable {
     /// Name of a scanner in `models/scanners`, or a path.
     pub scanner: String,
+    /// Keys of that file that are replaced; absent: none.
+    pub scanner_changes: Option<ChangesTable>,
     /// Name of a phantom in `models/phantoms`, or a path; absent: air.
     pub phantom: Option<String>,
     /// What is told of a line's ends.
@@ -143,7 +145,8 @@ impl Default for OptionsTable {
 }
 
 /// Where the defaults of these tables come from: key and source.
-pub const INSTALLED_SOURCES: [(&str, &str); 3] = [
+pub const INSTALLED_SOURCES: [(&str, &str); 4] = [
+    ("scanner_changes", "chosen: the scanner is as its file says"),
     ("phantom", "chosen: nothing around the capsule"),
     ("end_points", "chosen: crystal centres, as list-mode data have them"),
     ("window_ms", "chosen: windows follow each other without a gap"),
@@ -195,6 +198,10 @@ impl Installed {
         let table: InstalledTable = node.parse_sourced(&INSTALLED_SOURCES)?;
         let file = setup.models.open("scanners", &table.scanner, node, "scanner")?;
         let scanner = Scanner::from_node(&file)?;
+        let scanner = match node.child("scanner_changes") {
+            Some(changes) => scanner.changed(&file, &changes)?,
+            None => scanner,
+        };
         let crystals = setup.models.open(
             "scintillators",
             &scanner.detection.scintillator,

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | world | [`sensor`] |
 //! | estimators | [`mod@line`], [`tracking`] (`fcm`, `rigid`, `mixture`), [`front_end`], [`model`] (lines as they are, for the filter) |
-//! | before an exam | [`planning`] (dose, activity, expected accuracy) |
+//! | before an exam | [`planning`] (dose, activity, expected accuracy), [`layout`] (blocks of a scanner, judged before they are built) |
 //! | files | [`config`], [`payload`], [`reader`] |
 //!
 //! Source: T. D. Than, *Localization and tracking of robotic endoscopic capsules using multiple positron emission markers*, PhD
@@ -17,6 +17,7 @@
 pub mod config;
 pub mod coverage;
 pub mod front_end;
+pub mod layout;
 pub mod line;
 pub mod markers;
 pub mod model;
@@ -34,7 +35,8 @@ pub use markers::{Marker, MarkerSet};
 pub use scanner::{CrystalIndex, Scanner};
 
 use config::{Installed, OptionsTable, REALITY_SOURCES, RealityTable};
-use lumenav_core::{Estimator, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
+use layout::ScannerLayout;
+use lumenav_core::{Estimator, LayoutModel, Modality, ModalityError, Node, ReadingStream, Sensor, Setup};
 use sensor::PetSensor;
 use simulation::TableStore;
 
@@ -75,6 +77,15 @@ impl Modality for Pet {
         let opened = Installed::from_node(installed, setup)?;
         let table = OptionsTable::from_node(options)?;
         front_end::build(&opened, &table, setup)
+    }
+
+    fn layout(
+        &self,
+        installed: &Node,
+        options: &Node,
+        setup: &Setup,
+    ) -> Result<Box<dyn LayoutModel>, ModalityError> {
+        Ok(Box::new(ScannerLayout::from_nodes(installed, options, setup)?))
     }
 
     fn reader(&self, installed: &Node, files: &Node, setup: &Setup) -> Result<ReadingStream, ModalityError> {

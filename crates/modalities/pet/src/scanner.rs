@@ -12,6 +12,10 @@
 //! the distance of a crystal from the axis varies within a block. Heads that are not on a ring (two plates) are listed one by one.
 //! A detector without crystals is one "crystal" per block with a `position_fwhm_mm`.
 
+mod changes;
+
+pub use changes::{CHANGES_SOURCES, ChangesTable};
+
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{ConfigError, Name, Node};
 use nalgebra::Vector3;
@@ -260,7 +264,7 @@ impl Scanner {
         }
         let grid = grid(&file.child_or_empty("crystals"))?;
         let (blocks, around) = match file.child("ring") {
-            Some(ring) => ring_blocks(&ring)?,
+            Some(ring) => blocks_of_ring(&ring.parse_sourced(&SCANNER_SOURCES)?, &ring)?,
             None => (listed_blocks(file)?, 0),
         };
         let pairs = pairs(file, blocks.len(), around)?;
@@ -276,6 +280,21 @@ impl Scanner {
     /// Whether two blocks can fire together.
     pub fn can_coincide(&self, a: usize, b: usize) -> bool {
         self.pairs[a * self.blocks.len() + b]
+    }
+
+    /// A scanner of some of this one's blocks, each with where it now stands: two of them can fire together where they can here. A
+    /// block may be named again, and then stands at two places that never fire together.
+    ///
+    /// # Panics
+    /// A number that is none of this scanner's blocks.
+    #[must_use]
+    pub fn of_blocks(&self, chosen: &[(usize, Block)]) -> Self {
+        let pairs = chosen.iter().flat_map(|(a, _)| chosen.iter().map(|(b, _)| self.can_coincide(*a, *b)));
+        Self {
+            pairs: pairs.collect(),
+            blocks: chosen.iter().map(|(_, block)| *block).collect(),
+            ..self.clone()
+        }
     }
 
     /// Block of a crystal; `None` where there is no such crystal.
@@ -341,11 +360,8 @@ impl Scanner {
 
 fn grid(node: &Node) -> Result<CrystalGrid, ConfigError> {
     let table: CrystalsTable = node.parse_sourced(&SCANNER_SOURCES)?;
-    for (key, count) in [("columns", table.columns), ("rows", table.rows)] {
-        if !(1..=MAX_CRYSTALS).contains(&count) {
-            return Err(node.error_at(key, &format!("{count} crystals; allowed: 1 to {MAX_CRYSTALS}")));
-        }
-    }
+    check_crystals(node, "columns", table.columns)?;
+    check_crystals(node, "rows", table.rows)?;
     Ok(CrystalGrid {
         columns: table.columns,
         rows: table.rows,
@@ -357,9 +373,15 @@ fn grid(node: &Node) -> Result<CrystalGrid, ConfigError> {
     })
 }
 
-/// Blocks on one ring or more, and how many there are around one.
-fn ring_blocks(node: &Node) -> Result<(Vec<Block>, usize), ConfigError> {
-    let table: RingTable = node.parse_sourced(&SCANNER_SOURCES)?;
+fn check_crystals(node: &Node, key: &str, count: u32) -> Result<(), ConfigError> {
+    if (1..=MAX_CRYSTALS).contains(&count) {
+        return Ok(());
+    }
+    Err(node.error_at(key, &format!("{count} crystals; allowed: 1 to {MAX_CRYSTALS}")))
+}
+
+/// Blocks on one ring or more, and how many there are around one; `node` is where the table stands.
+fn blocks_of_ring(table: &RingTable, node: &Node) -> Result<(Vec<Block>, usize), ConfigError> {
     let angles_rad: Vec<f64> = match (&table.blocks, &table.angles_deg) {
         (Some(count), None) if (2..=MAX_BLOCKS as u32).contains(count) => {
             (0..*count).map(|b| f64::from(b) * std::f64::consts::TAU / f64::from(*count)).collect()

@@ -68,7 +68,7 @@ pub(super) fn compare(job: &Job<'_>) -> anyhow::Result<()> {
         .iter()
         .map(|l| (if l.on_the_pareto_front { format!("{} *", l.name) } else { l.name.clone() }, &l.judged))
         .collect();
-    say!("{}", show::table(&report.setting, &columns))?;
+    say!("{}", show::compared(&report.setting, &columns))?;
     say!("* no other layout is as cheap and as accurate (rms)")?;
     let written: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
     say!("{}", written.join("  "))

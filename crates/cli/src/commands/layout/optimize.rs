@@ -91,6 +91,8 @@ pub(super) fn optimize(job: &Job<'_>) -> anyhow::Result<()> {
 }
 
 fn search_for(job: &Job<'_>, opened: &OpenedLayout, question: &Question<'_>) -> anyhow::Result<Result> {
+    // Before anything is asked for that such a sensor cannot have.
+    question.check_independent()?;
     let bar = bar(job.verbosity, question.starts);
     let criterion = question.criterion;
     let watch = |done: usize, f: f64| {

@@ -57,6 +57,39 @@ pub(super) fn table(setting: &Setting, layouts: &[(String, &Judged)]) -> String 
     table.to_string()
 }
 
+/// More layouts than this stand in rows.
+const MOST_COLUMNS: usize = 4;
+
+/// Several layouts side by side: a column each, or, where they are many, a row each with the figures that tell them apart.
+pub(super) fn compared(setting: &Setting, layouts: &[(String, &Judged)]) -> String {
+    if layouts.len() <= MOST_COLUMNS {
+        return table(setting, layouts);
+    }
+    let mut table = crate::table::fitting(presets::UTF8_HORIZONTAL_ONLY);
+    let has_deaths = layouts.iter().any(|(_, j)| !j.deaths.is_empty());
+    let has_posterior = layouts.iter().any(|(_, j)| j.posterior.is_some());
+    let wanted = layouts.first().map_or(1.0, |(_, j)| j.summary.wanted_mm);
+    let mut head = vec!["layout".to_owned(), setting.cost_unit.clone()];
+    head.extend(["rms mm", "p95 mm", "worst mm", "angle deg"].map(str::to_owned));
+    head.push(format!("within {wanted} mm"));
+    head.extend(has_deaths.then(|| "one dead mm".to_owned()));
+    head.extend(has_posterior.then(|| "filtered mm".to_owned()));
+    table.set_header(head);
+    for (name, j) in layouts {
+        let s = &j.summary;
+        let mut row = vec![name.clone(), s.cost.to_string()];
+        row.extend([s.rms_mm, s.p95_mm, s.worst_mm, s.angle_rms_deg].map(figure));
+        row.push(format!("{:.1} %", 100.0 * s.share_below_wanted));
+        row.extend(has_deaths.then(|| deaths(j, 0)));
+        row.extend(has_posterior.then(|| figure(j.posterior.as_ref().map(|p| p.rms_mm))));
+        table.add_row(row);
+    }
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table.to_string()
+}
+
 /// What was judged, in a line or two.
 pub(super) fn head(setting: &Setting) -> String {
     let unknown = if setting.unknown.is_empty() {

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! β positrons per decay, τ the optical depth at 511 keV, μ_s the scintillator's. The integral runs over the block's face by the
-//! midpoint rule. Lines of photons that did not scatter in the body, alone: scattered and random lines are the background, which a plan
+//! midpoint rule, in parts of which each counts by the share that sees the partner. Lines of photons that did not scatter in the body, alone: scattered and random lines are the background, which a plan
 //! takes as a share. Neglected: photons that enter a block through its side, dead time.
 
 use crate::Scanner;
@@ -71,6 +71,9 @@ pub struct Bundle {
 }
 
 /// All bundles from a source, `per_side` x `per_side` for each pair of blocks that can fire together.
+///
+/// The border of what a pair sees runs through the parts of a face: a part counts by the share of finer parts (at least [`RATE_PER_SIDE`] to a
+/// side) from which the ray back meets the partner, and its line is that through their middle.
 pub fn bundles(
     scanner: &Scanner,
     detection: &PhotonDetection,
@@ -78,79 +81,126 @@ pub fn bundles(
     source_world_m: &Vector3<f64>,
     per_side: usize,
 ) -> Vec<Bundle> {
+    let from = From { scanner, detection, phantom, source: source_world_m };
+    let per_side = per_side.max(1);
     let mut all = Vec::new();
+    let mut seen = Vec::new();
     for a in 0..scanner.blocks.len() {
         let partners: Vec<usize> =
             (a + 1..scanner.blocks.len()).filter(|b| scanner.can_coincide(a, *b)).collect();
-        if !partners.is_empty() {
-            for_face(scanner, a, per_side, |place, area_m2| {
-                all.extend(bundle(
-                    scanner,
-                    detection,
-                    phantom,
-                    source_world_m,
-                    (a, &partners),
-                    &place,
-                    area_m2,
-                ));
-            });
+        if partners.is_empty() {
+            continue;
+        }
+        for i in 0..per_side {
+            for k in 0..per_side {
+                from.seen_from_part(a, &partners, [i, k], per_side, &mut seen);
+                all.extend(seen.iter().filter_map(|part| from.bundle(a, part)));
+            }
         }
     }
     all
 }
 
-/// Places on a block's face, each with its area, m².
-fn for_face(scanner: &Scanner, block: usize, per_side: usize, mut visit: impl FnMut(Vector3<f64>, f64)) {
-    let (width, length) = (2.0 * scanner.grid.half_width_m(), 2.0 * scanner.grid.half_length_m());
-    let n = per_side.max(1) as f64;
-    for i in 0..per_side.max(1) {
-        for k in 0..per_side.max(1) {
-            let (h, z) = (width * ((i as f64 + 0.5) / n - 0.5), length * ((k as f64 + 0.5) / n - 0.5));
-            visit(scanner.in_block(block, h, z, 0.0), width * length / (n * n));
-        }
-    }
+/// What of a part of a face sees a partner.
+struct SeenPart {
+    partner: usize,
+    /// Sum of the places of the finer parts on the face, m, and their number.
+    places_m: Vector3<f64>,
+    count: f64,
+    /// Area of a finer part, m².
+    area_m2: f64,
 }
 
-fn bundle(
-    scanner: &Scanner,
-    detection: &PhotonDetection,
-    phantom: Option<&Phantom>,
-    source: &Vector3<f64>,
-    (a, partners): (usize, &[usize]),
-    place: &Vector3<f64>,
-    area_m2: f64,
-) -> Option<Bundle> {
-    let depth_m = scanner.grid.depth_m;
-    let to = place - source;
-    let distance_m = to.norm();
-    let n = to.try_normalize(1e-6)?;
-    let cos_a = n.dot(&scanner.blocks[a].outward);
-    if cos_a <= 0.0 {
-        return None;
+/// Lines from a source.
+struct From<'a> {
+    scanner: &'a Scanner,
+    detection: &'a PhotonDetection,
+    phantom: Option<&'a Phantom>,
+    source: &'a Vector3<f64>,
+}
+
+impl From<'_> {
+    /// Sorts the finer parts of one part of a block's face by the partner that the ray back meets.
+    fn seen_from_part(
+        &self,
+        a: usize,
+        partners: &[usize],
+        [i, k]: [usize; 2],
+        per_side: usize,
+        seen: &mut Vec<SeenPart>,
+    ) {
+        let grid = &self.scanner.grid;
+        let (width, length) = (2.0 * grid.half_width_m(), 2.0 * grid.half_length_m());
+        let fine = RATE_PER_SIDE.div_ceil(per_side);
+        let n = (per_side * fine) as f64;
+        seen.clear();
+        for i in i * fine..(i + 1) * fine {
+            for k in k * fine..(k + 1) * fine {
+                let (h, z) = (width * ((i as f64 + 0.5) / n - 0.5), length * ((k as f64 + 0.5) / n - 0.5));
+                let place = self.scanner.in_block(a, h, z, 0.0);
+                let Some(partner) = self.partner(a, partners, &place) else { continue };
+                match seen.iter_mut().find(|part| part.partner == partner) {
+                    Some(part) => {
+                        part.places_m += place;
+                        part.count += 1.0;
+                    }
+                    None => seen.push(SeenPart {
+                        partner,
+                        places_m: place,
+                        count: 1.0,
+                        area_m2: width * length / (n * n),
+                    }),
+                }
+            }
+        }
     }
-    let (b, there, cos_b) = partners.iter().find_map(|b| {
-        let block = &scanner.blocks[*b];
-        let cos_b = -n.dot(&block.outward);
-        let reach_m = (block.centre_world_m - source).dot(&block.outward) / cos_b;
-        let there = source - n * reach_m;
-        let local = scanner.to_block(*b, &there);
-        let inside =
-            local.x.abs() <= scanner.grid.half_width_m() && local.y.abs() <= scanner.grid.half_length_m();
-        (cos_b > 0.0 && reach_m > 0.0 && inside).then_some((*b, there, cos_b))
-    })?;
-    debug_assert!(scanner.can_coincide(a, b));
-    let solid_angle = area_m2 * cos_a / (distance_m * distance_m);
-    let depth = phantom.map_or(0.0, |p| p.optical_depth_511(source, &n) + p.optical_depth_511(source, &-n));
-    let efficiency = scanner.detection.efficiency;
-    let detected = efficiency
-        * efficiency
-        * detection.probability(depth_m, cos_a)
-        * detection.probability(depth_m, cos_b);
-    let middle = |place: &Vector3<f64>, along: f64, cosine: f64| place + n * (along * 0.5 * depth_m / cosine);
-    Some(Bundle {
-        ends_world_m: [middle(place, 1.0, cos_a), middle(&there, -1.0, cos_b)],
-        per_positron: solid_angle / std::f64::consts::TAU * (-depth).exp() * detected,
-    })
+
+    /// The block that the ray back from a place on a block's face meets.
+    fn partner(&self, a: usize, partners: &[usize], place: &Vector3<f64>) -> Option<usize> {
+        let scanner = self.scanner;
+        let n = (place - self.source).try_normalize(1e-6)?;
+        if n.dot(&scanner.blocks[a].outward) <= 0.0 {
+            return None;
+        }
+        partners.iter().copied().find(|b| {
+            let Some((there, _)) = self.meets(*b, &n) else { return false };
+            let local = scanner.to_block(*b, &there);
+            local.x.abs() <= scanner.grid.half_width_m() && local.y.abs() <= scanner.grid.half_length_m()
+        })
+    }
+
+    /// Where the ray back meets the plane of a block's face, and the cosine under which it does.
+    fn meets(&self, b: usize, n: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+        let block = &self.scanner.blocks[b];
+        let cosine = -n.dot(&block.outward);
+        let reach_m = (block.centre_world_m - self.source).dot(&block.outward) / cosine;
+        (cosine > 0.0 && reach_m > 0.0).then(|| (self.source - n * reach_m, cosine))
+    }
+
+    fn bundle(&self, a: usize, part: &SeenPart) -> Option<Bundle> {
+        let detection = &self.scanner.detection;
+        let depth_m = self.scanner.grid.depth_m;
+        let place = part.places_m / part.count;
+        let to = place - self.source;
+        let distance_m = to.norm();
+        let n = to.try_normalize(1e-6)?;
+        let cos_a = n.dot(&self.scanner.blocks[a].outward);
+        let (there, cos_b) = self.meets(part.partner, &n)?;
+        let solid_angle = part.count * part.area_m2 * cos_a / (distance_m * distance_m);
+        let depth = self
+            .phantom
+            .map_or(0.0, |p| p.optical_depth_511(self.source, &n) + p.optical_depth_511(self.source, &-n));
+        let detected = detection.efficiency
+            * detection.efficiency
+            * self.detection.probability(depth_m, cos_a)
+            * self.detection.probability(depth_m, cos_b);
+        let middle =
+            |place: &Vector3<f64>, along: f64, cosine: f64| place + n * (along * 0.5 * depth_m / cosine);
+        Some(Bundle {
+            ends_world_m: [middle(&place, 1.0, cos_a), middle(&there, -1.0, cos_b)],
+            per_positron: solid_angle / std::f64::consts::TAU * (-depth).exp() * detected,
+        })
+    }
 }
 
 /// Faces are cut into so many parts along each side: rates then stand to 0.5 %.

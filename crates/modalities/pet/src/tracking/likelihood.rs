@@ -16,8 +16,7 @@
 //! This is Louis' form (1982): complete-data information less the information that the unknown labels take away; it is not positive
 //! definite everywhere. The last term is the curvature of the rotation itself. By `[δp_world, δθ_capsule]` at the capsule's origin.
 //!
-//! [`Likelihood::expected_information`] integrates `g gᵀ` over the model's own law of each line's offset (Gauss-Hermite under each
-//! component, weighted by the model's density over that of the markers alone).
+//! [`Likelihood::expected_information`] integrates `g gᵀ` over the model's own law of each line's offset (`expected.rs`).
 
 use super::lanes::{Four, LogSum, Three, cross, dot, exp_of, splat3, three};
 use super::noise::COMPONENTS;
@@ -364,7 +363,7 @@ impl Likelihood {
     }
 
     /// Expected (Fisher) information about `[δp_world, δθ_capsule]` of lines that run as the window's do, if the model is right and
-    /// the shares are known: what bounds and plans ask. Not for loops: 75 points per line and marker.
+    /// the shares are known: what bounds and plans ask. Not for loops: a grid of a thousand points per line.
     pub fn expected_information(
         &self,
         window: &Window,
@@ -385,10 +384,11 @@ impl Likelihood {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
         let mut information = Matrix6::zeros();
-        for (k, index) in window.near_indices.iter().enumerate() {
-            let (shape, lane) = (&window.shapes[k / super::lanes::LANES], k % super::lanes::LANES);
-            let one = super::expected::of_line(shape, lane, &placed[..used], weights.background);
-            information += one * count(*index as usize);
+        for (shape, indices) in window.shapes.iter().zip(window.near_indices.chunks(super::lanes::LANES)) {
+            let lines = super::expected::of_pack(shape, &placed[..used], weights.background);
+            for (line, index) in lines.iter().zip(indices) {
+                information += line * count(*index as usize);
+            }
         }
         to_capsule_axes(&information, &pose.rotation.to_rotation_matrix().into_inner())
     }

@@ -1,0 +1,111 @@
+//! What a scenario changes of a scanner's file, to compare scanners without a file for each.
+//!
+//! The keys are those of the file (`[ring]`, `[crystals]`), and what is not named stays as it is there. Coincidences count the blocks, so
+//! their number stays, too.
+
+use super::{MAX_BLOCKS, MAX_SIZE_M, RingTable, Scanner, blocks_of_ring, check_crystals};
+use lumenav_core::config::quantity::{Finite, Positive};
+use lumenav_core::{ConfigError, Node};
+use serde::{Deserialize, Serialize};
+
+/// `[sensor.installed.scanner_changes]`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ChangesTable {
+    /// Distance of the faces of a ring's blocks from the axis, mm.
+    pub radius_mm: Option<Positive>,
+    /// Angles of a ring's blocks from +y towards +x, degrees; as many as the file has.
+    pub angles_deg: Option<Vec<Finite>>,
+    /// Crystals along the tangential side of each block.
+    pub columns: Option<u32>,
+    /// Crystals along the axial side of each block.
+    pub rows: Option<u32>,
+}
+
+/// Where the defaults come from: key and source.
+pub const CHANGES_SOURCES: [(&str, &str); 4] = [
+    ("radius_mm", "the scanner's file"),
+    ("angles_deg", "the scanner's file"),
+    ("columns", "the scanner's file"),
+    ("rows", "the scanner's file"),
+];
+
+impl Scanner {
+    /// This scanner of the model `file` with what `changes` names replaced.
+    ///
+    /// # Errors
+    /// [`ConfigError`] at the key that is changed: no ring to change, another number of blocks, blocks that would overlap.
+    pub fn changed(mut self, file: &Node, changes: &Node) -> Result<Self, ConfigError> {
+        let table: ChangesTable = changes.parse_sourced(&CHANGES_SOURCES)?;
+        for (key, count, size) in
+            [("columns", table.columns, &mut self.grid.columns), ("rows", table.rows, &mut self.grid.rows)]
+        {
+            if let Some(count) = count {
+                check_crystals(changes, key, count)?;
+                *size = count;
+            }
+        }
+        let moved = [("radius_mm", table.radius_mm.is_some()), ("angles_deg", table.angles_deg.is_some())];
+        let Some(ring) = file.child("ring") else {
+            return match moved.iter().find(|(_, is_given)| *is_given) {
+                Some((key, _)) => {
+                    let name = &self.name;
+                    let message = format!(
+                        "scanner `{name}` has no [ring], its blocks are listed one by one; allowed: columns, rows"
+                    );
+                    Err(changes.error_at(key, &message))
+                }
+                None => Ok(self),
+            };
+        };
+        let mut ring: RingTable = ring.parse_quietly()?;
+        if let Some(radius_mm) = table.radius_mm {
+            if radius_mm.0 * 1e-3 > MAX_SIZE_M {
+                let message = format!("{} mm; allowed: up to {} mm", radius_mm.0, 1e3 * MAX_SIZE_M);
+                return Err(changes.error_at("radius_mm", &message));
+            }
+            ring.radius_mm = radius_mm;
+        }
+        if let Some(angles_deg) = table.angles_deg {
+            let around = self.blocks.len() / ring.axial_mm.len().clamp(1, MAX_BLOCKS);
+            if angles_deg.len() != around {
+                let message = format!(
+                    "{} angles; allowed: {around}, one for each block around scanner `{}`",
+                    angles_deg.len(),
+                    self.name
+                );
+                return Err(changes.error_at("angles_deg", &message));
+            }
+            (ring.blocks, ring.angles_deg) = (None, Some(angles_deg));
+        }
+        (self.blocks, _) = blocks_of_ring(&ring, changes)?;
+        self.refuse_overlaps(changes)?;
+        Ok(self)
+    }
+
+    /// Blocks of a ring stand side by side where half of each is seen under less than half the angle between them.
+    fn refuse_overlaps(&self, changes: &Node) -> Result<(), ConfigError> {
+        let (half_width_m, half_length_m) = (self.grid.half_width_m(), self.grid.half_length_m());
+        for (a, one) in self.blocks.iter().enumerate() {
+            for (b, other) in self.blocks.iter().enumerate().skip(a + 1) {
+                let radius_m = one.centre_world_m.dot(&one.outward);
+                let along_m = (one.centre_world_m.z - other.centre_world_m.z).abs();
+                let between = one.outward.angle(&other.outward);
+                let is_beside = along_m < 2.0 * half_length_m - TOUCH_M;
+                if is_beside && half_width_m > radius_m * (0.5 * between).tan() + TOUCH_M {
+                    let message = format!(
+                        "blocks {a} and {b} overlap: {:.1} mm wide, {:.1} degrees apart at {:.1} mm; allowed: fewer `columns` or `rows`, a larger `radius_mm`, `angles_deg` further apart",
+                        2e3 * half_width_m,
+                        between.to_degrees(),
+                        1e3 * radius_m
+                    );
+                    return Err(changes.error(&message));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Blocks that touch do not overlap, and angles are rounded.
+const TOUCH_M: f64 = 1e-6;
