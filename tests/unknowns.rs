@@ -60,3 +60,23 @@ fn law_a_moving_magnet_calibrates_its_array() {
     let nees = flawed.tracks["calibrating"].nees.as_ref().expect("there is a truth");
     assert!(nees.mean < 1.5 * nees.dof as f64, "{nees:?}");
 }
+
+/// A ball of iron as large as a fist comes as near as a hand to the belt for ten seconds, magnetised by the Earth's field: what the trackers
+/// make of such readings they refuse, and they do not follow the iron; when it is gone they are back.
+#[test]
+fn law_iron_that_comes_near_is_refused_and_not_followed() {
+    let iron = "sensor.belt.reality.disturbance=[{ start_s = 13, end_s = 23, position_mm = [0, -300, 0], sphere_radius_mm = 60 }]";
+    let found = metrics("scenarios/turning-patient.toml", &["sensor.belt.reality.turn=[]", iron]);
+    for track in ["none", "differences"] {
+        let t = &found.tracks[track];
+        let refused: u64 = t.refused.values().sum();
+        let worst = t.position_error_mm.as_ref().expect("there is a truth").max;
+        let (back, seen) = stretch(&found, track, "turned");
+        println!(
+            "figure: {track}: {refused} refused, largest error {worst:.2} mm; behind it {back:.3} mm, seen {:.1} %",
+            100.0 * seen
+        );
+        assert!(refused > 150, "{track}: {refused} of 200 readings are spoilt");
+        assert!(worst < 20.0 && back < 0.2 && seen > 0.99, "{track}: {worst} {back} {seen}");
+    }
+}

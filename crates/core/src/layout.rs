@@ -74,6 +74,21 @@ pub trait LayoutModel: Send + Sync {
     /// A capsule pose at which no reading is to be had from an element at this place (saturated, inside it): why.
     fn blocked(&self, element: &LayoutElement, world_from_capsule: &Isometry3<f64>) -> Option<String>;
 
+    /// No element nearer than this to the capsule's centre is sure to give a reading, m; 0 where there is no such distance.
+    fn least_distance_m(&self) -> f64 {
+        0.0
+    }
+
+    /// Whether the errors of two readings are independent: of an unknown that stays, or an error that nobody has calibrated, they are not.
+    fn is_memoryless(&self) -> bool {
+        self.parameters().nuisance.is_empty()
+    }
+
+    /// What the judgement takes for granted beside the parameters, in words: noise, a share of background.
+    fn assumptions(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// The sensor's own file with elements at these places, which a scenario takes as it is; `None` where the modality has no such file.
     fn to_toml(&self, name: &str, source: &str, elements: &[LayoutElement]) -> Option<String>;
 }

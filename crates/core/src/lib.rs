@@ -23,6 +23,7 @@ pub mod front_end;
 pub mod jobs;
 pub mod laws;
 pub mod layout;
+pub mod linear;
 pub mod measurement;
 pub mod modality;
 pub mod motion;

@@ -2,7 +2,7 @@
 
 use crate::LayoutError;
 use crate::criterion::Criterion;
-use crate::information::{Inverse, PoseBound};
+use crate::information::{Inverse, PoseBound, Size};
 use crate::workspace::Workspace;
 use lumenav_core::jobs::collect;
 use lumenav_core::layout::packed_len;
@@ -13,11 +13,13 @@ use serde::Serialize;
 /// Poses of one job.
 const POSES_PER_JOB: usize = 1024;
 
-/// The bound at every pose of a workspace, in its order; `None` where it is infinite.
+/// The bound at every pose of a workspace, in its order; `None` where it is infinite, or larger than the way to the furthest element.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     /// Per pose.
     pub bounds: Vec<Option<PoseBound>>,
+    /// Pairs of an element and a pose at which it gives no reading.
+    pub without_reading: usize,
 }
 
 /// Judges elements of a model at every pose.
@@ -34,25 +36,40 @@ pub fn evaluate(
     let parameters = model.parameters();
     let prior = model.prior();
     let poses = workspace.len();
-    let one = |job: usize| -> Option<Vec<Option<PoseBound>>> {
+    let one = |job: usize| -> Option<(Vec<Option<PoseBound>>, usize)> {
         if stopped() {
             return None;
         }
         let mut worker = model.worker();
         let mut information = vec![0.0; packed_len(parameters.len())];
+        let mut without_reading = 0;
         let of = |pose: usize| {
-            worker.together(elements, &workspace.pose(pose), &mut information);
+            let pose = workspace.pose(pose);
+            worker.together(elements, &pose, &mut information);
             add(&mut information, &prior);
-            Inverse::of(&information, parameters.len()).map(|inverse| inverse.bound(parameters))
+            without_reading += elements.iter().filter(|e| model.blocked(e, &pose).is_some()).count();
+            let bound = Inverse::of(&information, parameters).map(|inverse| inverse.bound(parameters));
+            bound.filter(|bound| says_something(bound, elements, &pose))
         };
-        Some((job * POSES_PER_JOB..poses.min((job + 1) * POSES_PER_JOB)).map(of).collect())
+        let bounds = (job * POSES_PER_JOB..poses.min((job + 1) * POSES_PER_JOB)).map(of).collect();
+        Some((bounds, without_reading))
     };
     let parts = collect(executor, poses.div_ceil(POSES_PER_JOB), one);
-    let mut bounds = Vec::with_capacity(poses);
+    let mut evaluation = Evaluation { bounds: Vec::with_capacity(poses), without_reading: 0 };
     for part in parts {
-        bounds.extend(part.flatten().ok_or(LayoutError::Stopped)?);
+        let (bounds, without_reading) = part.flatten().ok_or(LayoutError::Stopped)?;
+        evaluation.bounds.extend(bounds);
+        evaluation.without_reading += without_reading;
     }
-    Ok(Evaluation { bounds })
+    Ok(evaluation)
+}
+
+/// Whether an error is smaller than the way to the furthest element: a bound is local, and beyond that it says nothing of where the capsule
+/// is.
+fn says_something(bound: &PoseBound, elements: &[LayoutElement], pose: &Isometry3<f64>) -> bool {
+    let place = pose.translation.vector;
+    let way = |e: &LayoutElement| (e.world_from_element.translation.vector - place).norm();
+    bound.position_m() < elements.iter().map(way).fold(0.0, f64::max)
 }
 
 /// Adds one packed matrix to another.
@@ -71,8 +88,10 @@ pub struct Summary {
     pub cost: f64,
     /// Poses judged.
     pub poses: usize,
-    /// Poses at which the bound is infinite (something of the pose is not seen at all).
+    /// Poses at which the bound is infinite (something of the pose is not seen at all), or larger than the way to the furthest element.
     pub poses_without_bound: usize,
+    /// Pairs of an element and a pose at which it gives no reading (saturated, in the magnet).
+    pub pairs_without_reading: usize,
     /// √(mean tr C).
     pub rms_mm: Option<f64>,
     /// √(mean C_ii) along x, y, z.
@@ -132,6 +151,7 @@ impl Evaluation {
             cost: elements.iter().map(|e| e.cost).sum(),
             poses,
             poses_without_bound: poses - known.len(),
+            pairs_without_reading: self.without_reading,
             rms_mm: mean(&|b| b.position_m2.trace()).map(root_mm),
             rms_per_axis_mm: axis(0).zip(axis(1)).zip(axis(2)).map(|((x, y), z)| [x, y, z]),
             mean_mm: mean(&|b| 1e3 * b.position_m()),
@@ -157,6 +177,10 @@ pub struct Deaths {
     pub choices: usize,
     /// Whether those are all there are; else the choices follow the worst one of fewer deaths.
     pub exhaustive: bool,
+    /// Poses that they were judged at.
+    pub poses: usize,
+    /// √(mean tr C) of the whole layout at those poses, mm; absent: infinite.
+    pub alive_rms_mm: Option<f64>,
     /// Of all choices the largest √(mean tr C), mm; absent: infinite.
     pub rms_mm: Option<f64>,
     /// Who dies then.
@@ -165,8 +189,8 @@ pub struct Deaths {
 
 /// Choices that are all tried; of more, the worst one of fewer deaths goes on.
 const MOST_CHOICES: usize = 3000;
-/// Poses that deaths are judged at: spread over the workspace.
-const DEATH_POSES: usize = 500;
+/// Poses that deaths are judged at, at most: every so many positions, each with all directions.
+const DEATH_POSES: usize = 3000;
 /// The same two where elements work only together: every choice is then a layout of its own, computed anew (0.1 s a pose for a full ring).
 const MOST_TOGETHER: [usize; 2] = [100, 50];
 
@@ -184,9 +208,14 @@ pub fn deaths(
 ) -> Result<Vec<Deaths>, LayoutError> {
     let [most_choices, most_poses] =
         if works_alone(model, elements, workspace) { [MOST_CHOICES, DEATH_POSES] } else { MOST_TOGETHER };
-    let step = workspace.len().div_ceil(most_poses);
-    let poses: Vec<_> = (0..workspace.len()).step_by(step).map(|i| workspace.pose(i)).collect();
+    let directions = workspace.directions.len();
+    let step = workspace.positions_m.len().div_ceil((most_poses / directions).max(1));
+    let places = (0..workspace.positions_m.len()).step_by(step);
+    let poses: Vec<_> = places
+        .flat_map(|place| (0..directions).map(move |k| workspace.pose(place * directions + k)))
+        .collect();
     let survivors = Survivors::new(model, elements, &poses);
+    let alive = if most > 0 { survivors.rms_mm(&[]) } else { f64::INFINITY };
     let rms = |dead: &Vec<usize>| (!stopped()).then(|| survivors.rms_mm(dead));
     let mut all: Vec<Deaths> = Vec::new();
     let mut worst: Vec<usize> = Vec::new();
@@ -209,6 +238,8 @@ pub fn deaths(
             dead,
             choices: choices.len(),
             exhaustive,
+            poses: poses.len(),
+            alive_rms_mm: Some(alive).filter(|v| v.is_finite()),
             rms_mm: Some(*largest).filter(|v| v.is_finite()),
             elements: worst.iter().map(|i| elements[*i].name.clone()).collect(),
         });
@@ -248,7 +279,7 @@ impl<'a> Survivors<'a> {
     }
 
     fn rms_mm(&self, dead: &[usize]) -> f64 {
-        let dimension = self.model.parameters().len();
+        let dimension = Size::from(self.model.parameters());
         let mut information = vec![0.0; self.prior.len()];
         let is_left = |i: &usize| !dead.contains(i);
         let f = if let Some(each) = &self.each {

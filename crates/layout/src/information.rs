@@ -5,16 +5,40 @@
 //! ```
 //!
 //! Parameters are scaled to a unit diagonal first: metres, radians and teslas differ by orders of magnitude. What is unknown beside
-//! the pose is inverted with it and then left out, which is the Schur complement.
+//! the pose is inverted with it and then left out, which is the Schur complement; where nothing tells all of it, a generalised inverse
+//! takes the place of its block ([`lumenav_core::linear`]).
 
 use lumenav_core::LayoutParameters;
 use lumenav_core::layout::packed_len;
-use nalgebra::Matrix3;
+use lumenav_core::linear::generalised_inverse;
+use nalgebra::{DMatrix, Matrix3};
 
 /// Largest number of parameters.
 pub const MOST_PARAMETERS: usize = 12;
 /// Of a scaled information, a pivot below this is rounding: some direction is not seen.
 const LEAST_PIVOT: f64 = 1e-12;
+
+/// How many parameters there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Position and angles: without them there is no bound.
+    pub pose: usize,
+    /// With what else is unknown.
+    pub all: usize,
+}
+
+impl From<&LayoutParameters> for Size {
+    fn from(parameters: &LayoutParameters) -> Self {
+        Self { pose: 3 + parameters.angles, all: parameters.len() }
+    }
+}
+
+/// All of them have to be seen.
+impl From<usize> for Size {
+    fn from(all: usize) -> Self {
+        Self { pose: all, all }
+    }
+}
 
 /// The inverse of one information.
 #[derive(Clone, Debug)]
@@ -25,8 +49,48 @@ pub struct Inverse {
 }
 
 impl Inverse {
-    /// Of a packed lower triangle; `None` where it is singular.
-    pub fn of(information: &[f64], dimension: usize) -> Option<Self> {
+    /// Of a packed lower triangle; `None` where some of position and angles is not seen.
+    pub fn of(information: &[f64], size: impl Into<Size>) -> Option<Self> {
+        let size = size.into();
+        let beside = || (size.all > size.pose).then(|| Self::beside_unseen(information, size)).flatten();
+        Self::of_regular(information, size.all).or_else(beside)
+    }
+
+    /// Where nothing tells all of what is unknown beside the pose: with `I_pp' = I_pp - I_pn G I_np`
+    ///
+    /// ```text
+    /// C_pp = I_pp'⁻¹      C_pn = -C_pp I_pn G      C_nn = G + G I_np C_pp I_pn G
+    /// ```
+    fn beside_unseen(information: &[f64], size: Size) -> Option<Self> {
+        const N: usize = MOST_PARAMETERS;
+        let (p, n) = (size.pose, size.all - size.pose);
+        let at = |i: usize, j: usize| information[packed_len(i.max(j)) + i.min(j)];
+        let (g, _) = generalised_inverse(&DMatrix::from_fn(n, n, |i, j| at(p + i, p + j)));
+        let mixed = DMatrix::from_fn(p, n, |i, j| at(i, p + j));
+        let taken = &mixed * &g;
+        let left: Vec<f64> = (0..p)
+            .flat_map(|i| (0..=i).map(move |j| (i, j)))
+            .map(|(i, j)| at(i, j) - taken.row(i).dot(&mixed.row(j)))
+            .collect();
+        let mut found = Self::of_regular(&left, p)?;
+        let own = DMatrix::from_fn(p, p, |i, j| found.at(i, j));
+        let cross = -(&own * &taken);
+        let others = &g - taken.tr_mul(&cross);
+        found.dimension = size.all;
+        for i in 0..n {
+            for j in 0..p {
+                found.values[(p + i) * N + j] = cross[(j, i)];
+                found.values[j * N + p + i] = cross[(j, i)];
+            }
+            for j in 0..n {
+                found.values[(p + i) * N + p + j] = others[(i, j)];
+            }
+        }
+        Some(found)
+    }
+
+    /// `None` where it is singular.
+    fn of_regular(information: &[f64], dimension: usize) -> Option<Self> {
         const N: usize = MOST_PARAMETERS;
         let mut scale = [0.0; N];
         for i in 0..dimension {
@@ -150,6 +214,36 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Of two more unknowns only the sum is told, and a third by nothing: the bound is that with the sum alone beside the pose.
+    #[test]
+    fn law_what_nothing_tells_beside_the_pose_takes_nothing_away() {
+        let rows = DMatrix::from_fn(9, 4, |i, j| ((3 * i * i + 5 * j + i * j) as f64).sin());
+        let (pose, sum) = (rows.columns(0, 3).into_owned(), rows.column(3).into_owned());
+        let with = |extra: &[nalgebra::DVector<f64>]| -> Vec<f64> {
+            let mut all = pose.clone();
+            for column in extra {
+                let at = all.ncols();
+                all = all.insert_column(at, 0.0);
+                all.set_column(at, column);
+            }
+            let information = all.tr_mul(&all);
+            let n = information.nrows();
+            (0..n).flat_map(|i| (0..=i).map(move |j| (i, j))).map(|(i, j)| information[(i, j)]).collect()
+        };
+        let one = Inverse::of(&with(std::slice::from_ref(&sum)), Size { pose: 3, all: 4 }).unwrap();
+        let nothing = nalgebra::DVector::zeros(9);
+        let three = Inverse::of(&with(&[&sum * 1e6, &sum * 1e6, nothing]), Size { pose: 3, all: 6 }).unwrap();
+        for i in 0..3 {
+            for j in 0..3 {
+                assert!((one.at(i, j) - three.at(i, j)).abs() < 1e-9 * one.position_trace_m2(), "{i} {j}");
+            }
+            // What the gradient asks for: the pose's row beside what is told.
+            assert!((three.at(i, 3) + three.at(i, 4) - one.at(i, 3) / 1e6).abs() < 1e-9 * one.at(i, 3).abs());
+            assert_eq!(three.at(i, 5), 0.0);
+        }
+        assert_eq!(three.dimension(), 6);
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub use table::InformationTable;
 
 use crate::LayoutError;
 use crate::criterion::Criterion;
-use crate::information::Inverse;
+use crate::information::{Inverse, Size};
 use crate::workspace::Workspace;
 use lumenav_core::jobs::collect;
 use lumenav_core::{Executor, LayoutElement, LayoutModel};
@@ -65,14 +65,14 @@ impl<'a> Question<'a> {
 
     /// F of a layout.
     pub fn value(&self, elements: &[LayoutElement]) -> f64 {
-        let dimension = self.model.parameters().len();
+        let size = Size::from(self.model.parameters());
         let prior = self.model.prior();
         let mut worker = self.model.worker();
         let mut information = vec![0.0; prior.len()];
         self.criterion.value(self.poses.len(), f64::INFINITY, |i| {
             worker.together(elements, &self.poses[i], &mut information);
             crate::evaluate::add(&mut information, &prior);
-            Inverse::of(&information, dimension)
+            Inverse::of(&information, size)
         })
     }
 

@@ -2,17 +2,16 @@
 //!
 //! Recursion of Tichavsky, Muravchik and Nehorai (1998) for a linear motion model with Gaussian noise, at the states of one path. With the
 //! error `x = [δp_world, δθ_capsule, δv_world, δω_world]`, F and Q of the motion model ([`MotionModel`]) and I_k the information of reading k
-//! about `[δp_world, δθ_capsule]`, nuisance parameters left out by their Schur complement:
+//! about `[δp_world, δθ_capsule]`:
 //!
 //! ```text
 //! P' = F P Fᵀ + Q           P = (P'⁻¹ + Hᵀ I_k H)⁻¹
 //! F: δp' = δp + g δv        δθ' = Exp(-θ) δθ + g J_r(θ) Rᵀ δω        δv' = φ δv        δω' = φ δω
 //! ```
 //!
-//! with R the attitude and θ the turn from one reading to the next. What is unknown beside the pose counts in each reading by itself, so a
-//! filter that carries it may do better. An axis tells two of three angles: `t_i = e_iᵀ R [−x]ₓ δθ` with the tangents e_i of R x.
+//! with R the attitude and θ the turn from one reading to the next. Only for readings whose errors are independent
+//! ([`LayoutModel::is_memoryless`]): a strength, a field or a gain that stays unknown would have to be carried from reading to reading. An axis tells two of three angles: `t_i = e_iᵀ R [−x]ₓ δθ` with the tangents e_i of R x.
 
-use crate::evaluate::add;
 use crate::information::Inverse;
 use lumenav_core::layout::packed_len;
 use lumenav_core::pose::{exp_so3, log_so3, right_jacobian_so3, skew, tangent_basis};
@@ -42,28 +41,31 @@ pub struct AtReading {
 pub struct Posterior {
     /// Readings.
     pub readings: usize,
-    /// √(mean tr P), mm.
+    /// √(mean tr P), mm; this and the next three from the second reading on: the first has nothing behind it.
     pub rms_mm: f64,
     /// Median of √(tr P), mm.
     pub median_mm: f64,
     /// Its 95th percentile.
     pub p95_mm: f64,
-    /// Its largest, from the second reading on: the first has nothing behind it.
+    /// Its largest.
     pub worst_mm: f64,
     /// At every reading.
     #[serde(skip)]
     pub course: Vec<AtReading>,
 }
 
-/// The posterior bound of elements at the readings of a path (time in s, pose); `None` where the path has less than two.
+/// The posterior bound of elements at the readings of a path (time in s, pose); `None` where the path has less than two, or readings whose
+/// errors are not independent.
 pub fn posterior(
     model: &dyn LayoutModel,
     elements: &[LayoutElement],
     readings: &[(f64, Isometry3<f64>)],
     motion: &MotionModel,
 ) -> Option<Posterior> {
+    if !model.is_memoryless() {
+        return None;
+    }
     let parameters = model.parameters();
-    let prior = model.prior();
     let mut worker = model.worker();
     let mut packed = vec![0.0; packed_len(parameters.len())];
     let mut covariance = before();
@@ -74,10 +76,9 @@ pub fn posterior(
             covariance = predicted(&covariance, t_s - then_s, &then, pose, motion);
         }
         worker.together(elements, pose, &mut packed);
-        add(&mut packed, &prior);
         covariance = updated(&covariance, &of_pose(&packed, parameters, pose))?;
         let trace: f64 = (0..3).map(|i| covariance[(i, i)]).sum();
-        let alone = Inverse::of(&packed, parameters.len());
+        let alone = Inverse::of(&packed, parameters);
         course.push(AtReading {
             t_s: *t_s,
             position_mm: 1e3 * trace.max(0.0).sqrt(),
@@ -154,23 +155,10 @@ fn updated(covariance: &Matrix12, information: &Matrix6<f64>) -> Option<Matrix12
     Some((next + next.transpose()) * 0.5)
 }
 
-/// The information about `[δp_world, δθ_capsule]`, what else is unknown left out.
+/// The information about `[δp_world, δθ_capsule]`.
 fn of_pose(packed: &[f64], parameters: &LayoutParameters, pose: &Isometry3<f64>) -> Matrix6<f64> {
-    let whole =
-        DMatrix::from_fn(parameters.len(), parameters.len(), |i, j| packed[packed_len(i.max(j)) + i.min(j)]);
     let kept = 3 + parameters.angles;
-    let others = parameters.nuisance.len();
-    let mut information = whole.view((0, 0), (kept, kept)).into_owned();
-    if others > 0 {
-        // Scaled to a unit diagonal: strengths and teslas differ by orders of magnitude.
-        let nuisance = whole.view((kept, kept), (others, others)).into_owned();
-        let scale =
-            DMatrix::from_diagonal(&nuisance.diagonal().map(|d| d.max(f64::MIN_POSITIVE).sqrt().recip()));
-        let mixed = whole.view((0, kept), (kept, others)) * &scale;
-        // Nothing is known of the pose where nothing tells what else is unknown.
-        let Some(factor) = (&scale * nuisance * &scale).cholesky() else { return Matrix6::zeros() };
-        information -= &mixed * factor.solve(&mixed.transpose());
-    }
+    let information = DMatrix::from_fn(kept, kept, |i, j| packed[packed_len(i.max(j)) + i.min(j)]);
     let mut by_error = DMatrix::zeros(kept, 6);
     by_error.view_mut((0, 0), (3, 3)).fill_with_identity();
     if parameters.angles == 3 {
@@ -195,7 +183,7 @@ mod tests {
     use lumenav_core::config::quantity::{NonNegative, Positive};
     use nalgebra::{Matrix2, Translation3};
 
-    /// A sensor that tells position, two angles of the axis and a scale that is as unknown as it says, each by itself.
+    /// A sensor that tells position and two angles of the axis, each by itself.
     struct Plain {
         parameters: LayoutParameters,
         sigma_m: f64,
@@ -233,12 +221,6 @@ mod tests {
             information.fill(0.0);
             for i in 0..self.parameters.len() {
                 information[packed_len(i) + i] = if i < 3 { self.sigma_m.powi(-2) } else { 4.0 };
-            }
-            if !self.parameters.nuisance.is_empty() {
-                // What says x says the scale as well, so that half of it is lost.
-                let scale = self.parameters.len() - 1;
-                information[packed_len(scale) + scale] = 2.0;
-                information[packed_len(scale)] = self.sigma_m.recip();
             }
         }
         fn each(&mut self, _: &[LayoutElement], _: &Isometry3<f64>, _: &mut [f64]) -> bool {
@@ -287,13 +269,8 @@ mod tests {
             assert!((at.position_mm / wanted_mm - 1.0).abs() < 1e-9, "{at:?} {wanted_mm}");
         }
         assert!(found.worst_mm < found.course[0].position_mm && found.median_mm <= found.p95_mm);
-        // An unknown that takes half of what is said of x: a variance twice as large along x alone.
-        let half = posterior(&plain(vec!["scale"]), &[], &still(100), &motion).unwrap();
-        let worse = kalman(&motion, 100, 8e-6);
-        for ((at, x), other) in half.course.iter().zip(&worse).zip(&wanted) {
-            let wanted_mm = 1e3 * (x + 2.0 * other).sqrt();
-            assert!((at.position_mm / wanted_mm - 1.0).abs() < 1e-9, "{at:?} {wanted_mm}");
-        }
+        // What stays unknown has no such bound.
+        assert_eq!(posterior(&plain(vec!["scale"]), &[], &still(100), &motion), None);
     }
 
     /// A capsule that turns is seen as well as one that rests where a reading tells the same of both; a single reading has no course.

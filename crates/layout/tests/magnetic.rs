@@ -218,6 +218,10 @@ fn law_what_cannot_be_is_said_in_words() {
     let one = one.summary(&model.elements()[..1], 1.0);
     assert_eq!((one.poses_without_bound, one.rms_mm, one.worst_mm, one.median_mm), (1, None, None, None));
     assert_eq!(one.share_below_wanted, 0.0);
+    // Kilometres away a local bound says nothing of where the capsule is.
+    let far = workspace("x_mm = [1e8]\ny_mm = [0]\nz_mm = [0]\ndirections = [[0, 0, 1]]\n");
+    let nowhere = summary(&model, &far);
+    assert_eq!((nowhere.poses_without_bound, nowhere.rms_mm), (1, None));
     // A sensor in the magnet gives no reading, and is not chosen.
     let at_a_sensor = workspace("x_mm = [-250]\ny_mm = [-250]\nz_mm = [1]\ndirections = [[0, 0, 1]]\n");
     let question = Question::new(&model, &at_a_sensor, Criterion::Rms);
@@ -281,6 +285,35 @@ fn law_mirror_planes_and_places_kept_free() {
 
 fn question_value(question: &Question<'_>, chosen: &lumenav_layout::optimize::exchange::Chosen) -> f64 {
     question.value(&chosen.found.elements)
+}
+
+/// Sensors that move keep out of saturation: pulled towards the magnet's places, they stop where they still read, at every pose.
+#[test]
+fn law_moving_sensors_keep_reading() {
+    let node_of = |saturation: bool| {
+        node(&format!("array = \"plane-4x4\"\nsaturation = {saturation}\nquantization = false\n"))
+    };
+    let near =
+        workspace("x_mm = [-60, 60]\ny_mm = [-60, 60]\nz_mm = [60]\ndirections = [[1, 0, 0], [0, 0, 1]]\n");
+    let ranges = Ranges { axes_m: [Some([-0.25, 0.25]), Some([-0.25, 0.25]), Some([0.0, 0.06])] };
+    let found = |saturation: bool| {
+        let model =
+            ArrayLayout::from_nodes(&node_of(saturation), &node("law = \"dipole\"\n"), &setup()).unwrap();
+        let question = Question { starts: 2, ..Question::new(&model, &near, Criterion::Rms) };
+        let found = shift(&question, &ranges, &OneAfterAnother, &unwatched, &|| false).unwrap();
+        let least = question
+            .poses
+            .iter()
+            .flat_map(|pose| found.elements.iter().map(move |e| (pose, e)))
+            .map(|(pose, e)| (e.world_from_element.translation.vector - pose.translation.vector).norm())
+            .fold(f64::INFINITY, f64::min);
+        let judged = evaluate(&model, &found.elements, &near, &OneAfterAnother, &|| false).unwrap();
+        (least, judged.without_reading)
+    };
+    let ((kept, lost), (drawn, _)) = (found(true), found(false));
+    println!("figure: nearest {kept:.4} m with a limit, {drawn:.4} m without");
+    // On its axis the dipole reaches 0.6 mT at 34 mm.
+    assert!(lost == 0 && kept > 0.033 && drawn < kept, "{kept} {lost} {drawn}");
 }
 
 /// Jobs done backwards on the calling thread.

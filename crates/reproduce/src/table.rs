@@ -85,9 +85,17 @@ impl Table {
         let estimators = self.estimators();
         let cell = |value: Option<f64>| value.filter(|v| v.is_finite()).map_or("-".to_owned(), significant);
         let one = |row: &Row| {
-            let mut cells = vec![row.quantity.clone(), row.unit.clone(), cell(row.published)];
+            let is_claim = matches!(row.verdict, Verdict::Holds | Verdict::DoesNotHold);
+            let sign = match row.sense {
+                Sense::LowerIsBetter if is_claim => "<= ",
+                Sense::HigherIsBetter if is_claim => ">= ",
+                _ => "",
+            };
+            let published = format!("{sign}{}", cell(row.published));
+            let mut cells = vec![row.quantity.clone(), row.unit.clone(), published];
             cells.extend(estimators.iter().map(|name| cell(row.ours.get(name).copied().flatten())));
-            cells.push(row.tolerance.map_or("-".to_owned(), |t| t.text(&row.unit)));
+            let tolerance = row.tolerance.filter(|_| sign.is_empty());
+            cells.push(tolerance.map_or("-".to_owned(), |t| t.text(&row.unit)));
             let goal = row.goal.as_ref().map_or("", |g| if g.met { ", goal met" } else { ", goal missed" });
             cells.push(format!("{}{goal}", row.verdict));
             cells
@@ -97,7 +105,14 @@ impl Table {
 
     /// How many rows got each verdict, in words.
     pub fn tally(&self) -> String {
-        let all = [Verdict::Reproduced, Verdict::Better, Verdict::Differs, Verdict::NotComparable];
+        let all = [
+            Verdict::Reproduced,
+            Verdict::Better,
+            Verdict::Differs,
+            Verdict::Holds,
+            Verdict::DoesNotHold,
+            Verdict::NotComparable,
+        ];
         let counted = all.map(|v| (v, self.rows.iter().filter(|row| row.verdict == v).count()));
         let words: Vec<String> =
             counted.iter().filter(|(_, n)| *n > 0).map(|(v, n)| format!("{n} {v}")).collect();
@@ -217,6 +232,29 @@ impl Row {
         };
         self.add_why(why);
         self
+    }
+
+    /// As [`Self::judged`] for a claim: true or not.
+    pub fn claimed(self, name: &str, sense: Sense, tolerance: Tolerance, why: &str) -> Self {
+        let mut row = self.judged(name, sense, tolerance, "");
+        let claim = |verdict: Verdict| match verdict {
+            Verdict::Reproduced | Verdict::Better => Verdict::Holds,
+            Verdict::Differs => Verdict::DoesNotHold,
+            other => other,
+        };
+        row.verdict = claim(row.verdict);
+        row.verdicts.values_mut().for_each(|verdict| *verdict = claim(*verdict));
+        if let (Some(published), Some(ours)) = (row.published, row.ours.get(name).copied().flatten()) {
+            let asked = match sense {
+                Sense::LowerIsBetter => "at most ",
+                Sense::HigherIsBetter => "at least ",
+                Sense::Match => "",
+            };
+            let (ours, published) = (significant(ours), significant(published));
+            row.why = format!("{ours} {} where {asked}{published} is claimed", row.unit).replace("  ", " ");
+        }
+        row.add_why(why);
+        row
     }
 
     /// Not to be compared, and why.

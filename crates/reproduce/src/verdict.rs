@@ -1,7 +1,8 @@
 //! When is a published number reproduced?
 //!
 //! Each row states its tolerance before anything runs. Within it the number is *reproduced*; beyond it on the good side it is
-//! *better*; beyond it on the other side, or on any side where there is no good one, it *differs*. Where the source gives no number,
+//! *better*; beyond it on the other side, or on any side where there is no good one, it *differs*. A claim in words,
+//! put as a number that is met, or stayed below or above, *holds* or *does not hold*. Where the source gives no number,
 //! or ours is about another thing, the row is *not comparable* and says why.
 
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,12 @@ pub enum Verdict {
     /// Beyond the tolerance.
     #[serde(rename = "differs")]
     Differs,
+    /// A claim (a number to be met, or to stay below or above) that is true of the model as stated.
+    #[serde(rename = "holds")]
+    Holds,
+    /// A claim that is not.
+    #[serde(rename = "does not hold")]
+    DoesNotHold,
     /// No number to compare with.
     #[serde(rename = "not comparable")]
     NotComparable,
@@ -30,6 +37,8 @@ impl fmt::Display for Verdict {
             Self::Reproduced => "reproduced",
             Self::Better => "better",
             Self::Differs => "differs",
+            Self::Holds => "holds",
+            Self::DoesNotHold => "does not hold",
             Self::NotComparable => "not comparable",
         })
     }

@@ -123,6 +123,8 @@ struct Setting {
     modality: String,
     /// What is unknown beside position and axis.
     unknown: Vec<String>,
+    /// What the judgement takes for granted: noise, errors that nobody has calibrated.
+    assumptions: Vec<String>,
     positions: usize,
     directions: usize,
     cost_unit: String,
@@ -138,6 +140,7 @@ impl Setting {
             sensor: opened.sensor.to_string(),
             modality: modality.unwrap_or_default(),
             unknown: opened.model.parameters().nuisance.iter().map(|n| (*n).to_owned()).collect(),
+            assumptions: opened.model.assumptions(),
             positions: opened.workspace.positions_m.len(),
             directions: opened.workspace.directions.len(),
             cost_unit: opened.model.cost_unit().to_owned(),

@@ -4,7 +4,7 @@ use super::run::stop_on_ctrl_c;
 use crate::args::{ReproduceOptions, Verbosity};
 use crate::table;
 use crate::threads::Threads;
-use comfy_table::presets;
+use comfy_table::{ColumnConstraint, presets};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use lumenav::reproduce::{Context, Progress, Size, all, check_free, find};
 use std::io::IsTerminal as _;
@@ -66,6 +66,10 @@ fn list(json: bool) -> anyhow::Result<()> {
     table.set_header(["id", "source", "what"]);
     for reproduction in all() {
         table.add_row([reproduction.id, reproduction.source, reproduction.about]);
+    }
+    // An id is there to be copied.
+    if let Some(column) = table.column_mut(0) {
+        column.set_constraint(ColumnConstraint::ContentWidth);
     }
     say!("{table}")
 }

@@ -95,6 +95,11 @@ struct Search<'a> {
     count: usize,
 }
 
+/// Whether F fell by more than rounding; any finite F is less than an infinite one.
+fn is_less(f: f64, before: f64) -> bool {
+    if before == f64::INFINITY { f < before } else { f < before - LEAST_GAIN * before.abs() }
+}
+
 impl Search<'_> {
     fn elements(&self, chosen: &[usize]) -> Vec<LayoutElement> {
         let members = chosen.iter().flat_map(|i| &self.groups[*i]);
@@ -188,7 +193,7 @@ impl Search<'_> {
                     *out = s + a;
                 }
             }
-            Inverse::of(buffer, self.table.dimension)
+            Inverse::of(buffer, self.table.size)
         })
     }
 
@@ -231,7 +236,7 @@ impl Search<'_> {
         let mut buffer = vec![0.0; one];
         let mut sums = self.sums(chosen);
         let mut f = criterion.value(self.table.poses, f64::INFINITY, |pose| {
-            Inverse::of(&sums[pose * one..(pose + 1) * one], self.table.dimension)
+            Inverse::of(&sums[pose * one..(pose + 1) * one], self.table.size)
         });
         loop {
             let before = f;
@@ -244,7 +249,7 @@ impl Search<'_> {
                     .filter(|i| self.has_room(*i, chosen, Some(at)) && *i != chosen[at])
                 {
                     let value = self.value_with(criterion, &sums, i, Some(chosen[at]), f, &mut buffer);
-                    if value < f - LEAST_GAIN * f.abs() {
+                    if is_less(value, f) {
                         f = value;
                         best = Some(i);
                     }
@@ -255,11 +260,21 @@ impl Search<'_> {
                     sums = self.sums(chosen);
                 }
             }
-            let gained = before - f > LEAST_GAIN * f.abs();
-            let was_blind = before == f64::INFINITY && f < before;
-            if !(gained || was_blind) {
+            if !is_less(f, before) {
                 return f;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closed_form_any_bound_is_less_than_none() {
+        assert!(is_less(-3.0, f64::INFINITY) && is_less(1e300, f64::INFINITY));
+        assert!(!is_less(f64::INFINITY, f64::INFINITY) && !is_less(f64::INFINITY, 1.0));
+        assert!(is_less(0.999, 1.0) && !is_less(1.0 - 1e-12, 1.0) && is_less(-1.1, -1.0));
     }
 }

@@ -7,14 +7,14 @@
 //! ```
 //!
 //! L-BFGS runs on log F, so that lengths of scale 1 mm and 10 mm look alike, with a soft wall where two elements come nearer than the
-//! spacing, or one to a place that is kept free. Under mirror planes an element's images move with it. A maximum is approached by p-norms of rising p; after each the exact criterion is taken, and the best is kept.
+//! spacing, or one to a place that is kept free or to the capsule than it can read. Under mirror planes an element's images move with it. A maximum is approached by p-norms of rising p; after each the exact criterion is taken, and the best is kept.
 
 use super::lbfgs::minimise;
 use super::sites::place;
 use super::{Ended, Found, Question, Watch};
 use crate::LayoutError;
 use crate::criterion::Criterion;
-use crate::information::Inverse;
+use crate::information::{Inverse, Size};
 use lumenav_core::layout::packed_len;
 use lumenav_core::{Executor, LayoutElement, LayoutWorker, RandomStreams};
 use nalgebra::{Matrix3, Vector3};
@@ -75,7 +75,7 @@ pub fn shift(
     let start = |k: usize| search.run_start(k, stopped);
     super::run(question.starts, executor, watch, start, || {
         LayoutError::Impossible(format!(
-            "no start came to a layout that keeps {} and has a bound at every pose",
+            "no start came to a layout that keeps {}, gives readings everywhere and has a bound at every pose",
             question.sites.words()
         ))
     })
@@ -86,6 +86,8 @@ struct Search<'a> {
     variables: Vec<Variable>,
     moves: Vec<Move>,
     prior: Vec<f64>,
+    /// The poses' places, each once.
+    places_m: Vec<Vector3<f64>>,
 }
 
 /// Variables of the first element of every orbit, and what each does to the orbit's elements. A coordinate at right angles to a mirror plane
@@ -135,7 +137,9 @@ impl<'a> Search<'a> {
             return Err(LayoutError::Impossible("nothing may move: give a range along an axis".to_owned()));
         }
         question.check_independent()?;
-        Ok(Self { question, variables, moves, prior: question.model.prior() })
+        let mut places_m: Vec<Vector3<f64>> = question.poses.iter().map(|p| p.translation.vector).collect();
+        places_m.dedup();
+        Ok(Self { question, variables, moves, prior: question.model.prior(), places_m })
     }
 
     fn start(&self, start: usize) -> Vec<f64> {
@@ -178,6 +182,7 @@ impl<'a> Search<'a> {
             let f = self.question.value(&elements);
             if f.is_finite()
                 && self.keeps_sites(&elements)
+                && elements.iter().all(|e| self.question.reads_everywhere(e))
                 && best.as_ref().is_none_or(|(_, least)| f < *least)
             {
                 best = Some((elements, f));
@@ -266,13 +271,13 @@ impl<'a> Climb<'a> {
 
     fn invert(&mut self) -> bool {
         let question = self.search.question;
-        let dimension = question.model.parameters().len();
+        let size = Size::from(question.model.parameters());
         let mut information = vec![0.0; self.search.prior.len()];
         self.inverses.clear();
         for pose in &question.poses {
             self.worker.together(&self.elements, pose, &mut information);
             crate::evaluate::add(&mut information, &self.search.prior);
-            let Some(inverse) = Inverse::of(&information, dimension) else { return false };
+            let Some(inverse) = Inverse::of(&information, size) else { return false };
             self.inverses.push(inverse);
         }
         true
@@ -309,6 +314,14 @@ impl<'a> Climb<'a> {
             for (i, j) in pairs(&self.elements) {
                 let (a, b) = (place(&self.elements[i]), place(&self.elements[j]));
                 height += self.lean(&a, &b, sites.spacing_m, [Some(i), Some(j)], gradient);
+            }
+        }
+        let least_m = self.search.question.model.least_distance_m();
+        if least_m > 0.0 {
+            for pose in &self.search.places_m {
+                for (i, element) in self.elements.iter().enumerate() {
+                    height += self.lean(&place(element), pose, least_m, [Some(i), None], gradient);
+                }
             }
         }
         for ball in &sites.keep_out {

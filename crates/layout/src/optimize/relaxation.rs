@@ -12,7 +12,7 @@
 use super::moving::by_information;
 use super::table::InformationTable;
 use crate::criterion::Criterion;
-use crate::information::Inverse;
+use crate::information::{Inverse, Size};
 use nalgebra::Matrix3;
 
 const ITERATIONS: usize = 600;
@@ -105,7 +105,7 @@ fn minimum(
     let mut sums = sums_of(table, prior, &w);
     let mut slopes = Vec::new();
     let mut bound = f64::NEG_INFINITY;
-    let mut inverses = invert(&sums, one, table.dimension)?;
+    let mut inverses = invert(&sums, one, table.size)?;
     for _ in 0..ITERATIONS {
         let value = convex.slopes(&inverses, &mut slopes);
         let gradient = gradient(table, &inverses, &slopes);
@@ -122,10 +122,10 @@ fn minimum(
         let mut v = vec![0.0; table.candidates];
         corner.iter().for_each(|i| v[*i] = 1.0);
         let towards = sums_of(table, prior, &v);
-        let step = line_search(&sums, &towards, one, table.dimension, convex);
+        let step = line_search(&sums, &towards, one, table.size, convex);
         w.iter_mut().zip(&v).for_each(|(w, v)| *w += step * (v - *w));
         sums.iter_mut().zip(&towards).for_each(|(s, t)| *s += step * (t - *s));
-        inverses = invert(&sums, one, table.dimension)?;
+        inverses = invert(&sums, one, table.size)?;
     }
     Some(Minimum { bound, inverses })
 }
@@ -143,8 +143,8 @@ fn sums_of(table: &InformationTable, prior: &[f64], w: &[f64]) -> Vec<f64> {
     sums
 }
 
-fn invert(sums: &[f64], one: usize, dimension: usize) -> Option<Vec<Inverse>> {
-    sums.chunks(one).map(|sum| Inverse::of(sum, dimension)).collect()
+fn invert(sums: &[f64], one: usize, size: Size) -> Option<Vec<Inverse>> {
+    sums.chunks(one).map(|sum| Inverse::of(sum, size)).collect()
 }
 
 fn gradient(table: &InformationTable, inverses: &[Inverse], slopes: &[Matrix3<f64>]) -> Vec<f64> {
@@ -168,11 +168,11 @@ fn smallest(values: &[f64], count: usize) -> Vec<usize> {
 }
 
 /// The step from 0 to 1 with the smallest F, by golden section.
-fn line_search(from: &[f64], to: &[f64], one: usize, dimension: usize, convex: &Convex) -> f64 {
+fn line_search(from: &[f64], to: &[f64], one: usize, size: Size, convex: &Convex) -> f64 {
     let mut slopes = Vec::new();
     let mut value = |step: f64| {
         let sums: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + step * (b - a)).collect();
-        invert(&sums, one, dimension).map_or(f64::INFINITY, |inverses| convex.slopes(&inverses, &mut slopes))
+        invert(&sums, one, size).map_or(f64::INFINITY, |inverses| convex.slopes(&inverses, &mut slopes))
     };
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     let (mut low, mut high) = (0.0, 1.0);

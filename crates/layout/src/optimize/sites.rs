@@ -28,8 +28,9 @@ pub struct Sites {
     pub mirrored: Vec<usize>,
 }
 
-/// Elements whose places differ by less are at one place, m.
+/// Elements whose places differ by less are at one place, m; and are turned alike where their turns do.
 const SAME_PLACE_M: f64 = 1e-6;
+const SAME_TURN_RAD: f64 = 1e-6;
 /// A spacing may be missed by this share: rounding.
 const SLACK: f64 = 1e-12;
 
@@ -67,18 +68,28 @@ impl Sites {
         (place(a) - place(b)).norm() >= self.spacing_m * (1.0 - SLACK)
     }
 
-    /// The orbit of element `first`: each image among `elements`, once. `None` where one is missing.
-    fn orbit(&self, elements: &[LayoutElement], first: usize) -> Option<Vec<Image>> {
+    /// The orbit of element `first`: each image among the `elements` that are not `taken`, once. `None` where one is missing.
+    fn orbit(&self, elements: &[LayoutElement], taken: &[bool], first: usize) -> Option<Vec<Image>> {
         let mut orbit: Vec<Image> = Vec::with_capacity(self.orbit_len());
+        let own = &elements[first];
         for signs in self.signs() {
-            let wanted = place(&elements[first]).component_mul(&Vector3::from(signs));
-            let is_there = |e: &LayoutElement| {
-                e.kind == elements[first].kind && (place(e) - wanted).norm() < SAME_PLACE_M
+            let wanted = place(own).component_mul(&Vector3::from(signs));
+            let is_image = |e: &LayoutElement| {
+                e.kind == own.kind
+                    && (place(e) - wanted).norm() < SAME_PLACE_M
+                    && e.world_from_element.rotation.angle_to(&own.world_from_element.rotation)
+                        < SAME_TURN_RAD
             };
-            let image = elements.iter().position(is_there)?;
-            if orbit.iter().all(|(i, _)| *i != image) {
-                orbit.push((image, signs));
+            // Two elements may stand at one place: the first image is the element itself, the others are nobody else's yet.
+            if orbit.is_empty() || is_image(own) {
+                if orbit.is_empty() {
+                    orbit.push((first, signs));
+                }
+                continue;
             }
+            let is_free = |i: &usize| !taken[*i] && orbit.iter().all(|(other, _)| other != i);
+            let image = (0..elements.len()).filter(is_free).find(|i| is_image(&elements[*i]))?;
+            orbit.push((image, signs));
         }
         Some(orbit)
     }
@@ -91,7 +102,7 @@ impl Sites {
             if taken[first] {
                 continue;
             }
-            let Some(orbit) = self.orbit(candidates, first) else { continue };
+            let Some(orbit) = self.orbit(candidates, &taken, first) else { continue };
             let members: Vec<usize> = orbit.iter().map(|(i, _)| *i).collect();
             members.iter().for_each(|i| taken[*i] = true);
             let pairs =
@@ -115,7 +126,7 @@ impl Sites {
             if taken[first] {
                 continue;
             }
-            let orbit = self.orbit(elements, first).ok_or_else(|| {
+            let orbit = self.orbit(elements, &taken, first).ok_or_else(|| {
                 LayoutError::Impossible(format!(
                     "`{}` has no mirror image among the installed elements; a layout that is to be symmetric starts from one that is",
                     elements[first].name
@@ -143,8 +154,12 @@ impl Sites {
 impl Question<'_> {
     /// Whether an element stands where it may and gives a reading at every pose.
     pub(super) fn is_usable(&self, element: &LayoutElement) -> bool {
-        self.sites.is_free(&place(element))
-            && self.poses.iter().all(|pose| self.model.blocked(element, pose).is_none())
+        self.sites.is_free(&place(element)) && self.reads_everywhere(element)
+    }
+
+    /// Whether an element gives a reading at every pose.
+    pub(super) fn reads_everywhere(&self, element: &LayoutElement) -> bool {
+        self.poses.iter().all(|pose| self.model.blocked(element, pose).is_none())
     }
 }
 
@@ -177,6 +192,12 @@ mod tests {
         assert_eq!(installed[0], [(0, [1.0; 3]), (1, [-1.0, 1.0, 1.0])]);
         assert_eq!(installed[1], [(2, [1.0; 3])]);
         assert!(one.orbits_installed(&elements).unwrap_err().to_string().contains("no mirror image"));
+        // Two at one place, turned differently, are two; without a mirror each stands for itself.
+        let mut turned = at(1.0, 2.0);
+        turned.world_from_element.rotation = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, 1.0);
+        let twins = [at(1.0, 2.0), turned, at(1.0, 2.0), at(-1.0, 2.0)];
+        assert_eq!(Sites::default().orbits_of_candidates(&twins).len(), 4);
+        assert_eq!(one.orbits_of_candidates(&twins), [vec![0, 3]]);
         let free = Sites { keep_out: vec![KeepOut { centre_m: Vector3::zeros(), radius_m: 2.0 }], ..one };
         assert!(free.is_free(&Vector3::new(2.0, 0.0, 0.0)) && !free.is_free(&Vector3::new(1.9, 0.0, 0.0)));
     }

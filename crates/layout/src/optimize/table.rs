@@ -1,6 +1,7 @@
 //! The information of every candidate at every pose, computed once.
 
 use crate::LayoutError;
+use crate::information::Size;
 use lumenav_core::jobs::collect;
 use lumenav_core::layout::packed_len;
 use lumenav_core::{Executor, LayoutElement, LayoutModel};
@@ -17,7 +18,7 @@ pub struct InformationTable {
     /// Number of poses.
     pub poses: usize,
     /// Number of parameters.
-    pub dimension: usize,
+    pub size: Size,
     one: usize,
     values: Vec<f64>,
 }
@@ -33,8 +34,8 @@ impl InformationTable {
         poses: &[Isometry3<f64>],
         executor: &dyn Executor,
     ) -> Result<Self, LayoutError> {
-        let dimension = model.parameters().len();
-        let one = packed_len(dimension);
+        let size = Size::from(model.parameters());
+        let one = packed_len(size.all);
         let numbers = candidates.len() * poses.len() * one;
         if numbers > MOST_NUMBERS {
             return Err(LayoutError::Impossible(format!(
@@ -57,7 +58,7 @@ impl InformationTable {
         for part in collect(executor, poses.len().div_ceil(POSES_PER_JOB), job) {
             values.extend(part.flatten().ok_or(LayoutError::Dependent)?);
         }
-        Ok(Self { candidates: candidates.len(), poses: poses.len(), dimension, one, values })
+        Ok(Self { candidates: candidates.len(), poses: poses.len(), size, one, values })
     }
 
     /// The table of groups of candidates, each as one.

@@ -109,7 +109,7 @@ fn run(bencher: Bencher<'_, '_>, source: FieldSource, starts: impl Fn(&Case) -> 
                 valid: &valid,
                 variance_tesla2: &variance,
                 unknown: lumenav_magnetic::solver::Unknown::default(),
-                ambient: lumenav_magnetic::solver::AmbientPrior::NONE,
+                prior: lumenav_magnetic::solver::LinearPrior::NONE,
             };
             let found = match starts.as_slice() {
                 [one] => Some(solve(&channels, &source, readings, one, &mut workspace)),
@@ -164,7 +164,7 @@ fn linearize(bencher: Bencher<'_, '_>, source: FieldSource) {
         noise_tesla: SIGMA_TESLA,
         relative_error: 0.0,
         unknown: lumenav_magnetic::solver::Unknown::default(),
-        ambient: lumenav_magnetic::solver::AmbientPrior::NONE,
+        prior: lumenav_magnetic::solver::LinearPrior::NONE,
         nuisance: Arc::default(),
     });
     let measurement = Measurement {

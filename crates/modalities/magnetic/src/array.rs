@@ -71,7 +71,7 @@ struct SensorTable {
     #[serde(default)]
     rotation_vector_deg: [Finite; 3],
     axes: Option<Axes>,
-    /// Whether it stands far from the magnet, to tell the ambient field.
+    /// Whether it stands far from the magnet, to tell the ambient field: no part of a layout, and no place for a start.
     #[serde(default)]
     reference: bool,
 }
@@ -315,6 +315,23 @@ impl SensorArray {
             resolution_tesla: None,
             starts_m: Vec::new(),
         }
+    }
+
+    /// Whether the reference sensors read along three directions that differ by more than some degrees.
+    pub fn reference_tells_all(&self) -> bool {
+        let mut seen = Matrix3::zeros();
+        for sensor in self.sensors.iter().filter(|sensor| sensor.reference) {
+            for axis in sensor.axes.indices() {
+                let along: Vector3<f64> = sensor.pose.rotation * Vector3::ith(*axis, 1.0);
+                seen += along * along.transpose();
+            }
+        }
+        seen.symmetric_eigenvalues().min() > 1e-2
+    }
+
+    /// Where a cold start looks first, as the file says, m in the array's frame.
+    pub fn starts_m(&self) -> &[Vector3<f64>] {
+        &self.starts_m
     }
 
     /// Labels of the channels as CSV files name them: `s0x_T`, `s0y_T`, …

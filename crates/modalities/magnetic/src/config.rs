@@ -130,8 +130,15 @@ impl RealityTable {
                 return Err(node.error_at("turn", &message));
             }
             before_s = turn.end_s.0;
-            if turn.axis.iter().all(|v| v.0 == 0.0) {
-                let message = format!("turn {i} has an axis of length zero; give a vector such as [0, 0, 1]");
+            let length = Vector3::from(turn.axis.map(|v| v.0)).norm();
+            if !(1e-9..=1e9).contains(&length) {
+                let message = format!(
+                    "turn {i} has an axis of length {length}; give a vector such as [0, 0, 1] (allowed: 1e-9 to 1e9)"
+                );
+                return Err(node.error_at("turn", &message));
+            }
+            if turn.angle_deg.0.abs() > 3600.0 {
+                let message = format!("turn {i} is by {} degrees; at most ten turns, 3600", turn.angle_deg.0);
                 return Err(node.error_at("turn", &message));
             }
         }
@@ -148,7 +155,8 @@ pub enum Ambient {
     Known,
     /// Only differences between channels are used: the field is free in each reading.
     Differences,
-    /// The array's reference sensors tell it in each reading.
+    /// As `differences`, and the array has to have reference sensors that tell all of the field by themselves: where few channels are near
+    /// the magnet, the pose needs them.
     Reference,
     /// The filter carries it from reading to reading (`flux`).
     Estimated,

@@ -8,22 +8,23 @@
 //!
 //! Stateless: the same reading and prior give the same measurement, so tracks do not depend on the order of arrival.
 
-use crate::array::{Magnetometer, SensorArray};
+use crate::array::SensorArray;
 use crate::channels::{Channel, Channels, MagnetPose};
-use crate::config::{Ambient, Installed, Magnet, OptionsTable};
+use crate::config::{Ambient, Installed, OptionsTable};
 use crate::model::{FixOfFlux, FluxModel};
 use crate::nuisance::{Nuisance, Spread, Unknowns};
 use crate::solver::{
-    AmbientPrior, FREEDOM, Matrix5, Readings, Search, Solution, Unknown, Workspace, covariance_growth, solve,
+    FREEDOM, LinearPrior, Matrix5, Readings, Search, Solution, Unknown, Workspace, covariance_growth, solve,
     solve_each,
 };
+use lumenav_core::linear::generalised_inverse;
 use lumenav_core::pose::{attitude_from_axis, skew, tangent_basis};
 use lumenav_core::{
     BlockSpec, FixKind, Frame, FrontEnd, Measurement, MeasurementModel, ModalityError, Name, Outcome,
     PoseEstimate, PosePrior, PriorUse, Reading,
 };
 use lumenav_fields::FieldSource;
-use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Translation3, Vector3};
+use nalgebra::{DMatrix, Isometry3, Matrix3, Matrix6, SMatrix, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 use std::collections::BTreeMap;
@@ -64,13 +65,11 @@ pub struct MagneticFrontEnd {
     offset_capsule_m: Vector3<f64>,
     noise_tesla: f64,
     relative_error: f64,
-    ambient: Ambient,
     /// What a search for a pose has to find beside it in one reading.
     unknown: Unknown,
     /// What the filter carries, and how badly it is known before a filter has a belief.
     nuisance: Arc<Nuisance>,
     unknowns: Unknowns,
-    reference: Reference,
     max_reduced_chi_square: f64,
     saturation_tesla: Option<f64>,
     worn: bool,
@@ -86,10 +85,8 @@ impl MagneticFrontEnd {
         let unknowns = options.unknowns();
         Self {
             output: options.front_end,
-            ambient: options.ambient,
             nuisance: Arc::new(Nuisance::new(&sensor, fixed.len(), &unknowns)),
             unknowns,
-            reference: Reference::of(&installed.array, &installed.magnet),
             fixed,
             source: installed.magnet.source(options.law),
             offset_capsule_m: installed.magnet.offset_capsule_m,
@@ -127,8 +124,17 @@ impl MagneticFrontEnd {
                 strength: self.unknown.strength && carried.strength.is_none(),
                 ambient: self.unknown.ambient && carried.ambient_tesla.is_none(),
             },
-            ambient: AmbientPrior::NONE,
+            prior: LinearPrior::NONE,
             nuisance: self.nuisance.clone(),
+        }
+    }
+
+    /// What is known beforehand of strength and field where the filter is going to carry them, for a search without a belief.
+    fn start_prior(&self) -> LinearPrior {
+        let information = |spread: Option<Spread>| spread.map_or(0.0, |s| s.sigma.powi(-2));
+        LinearPrior {
+            strength: information(self.unknowns.strength),
+            ambient: Matrix3::identity() * information(self.unknowns.ambient_tesla),
         }
     }
 
@@ -216,7 +222,7 @@ impl MagneticFrontEnd {
             ));
         }
         if without_magnet(readings, channels) - best.chi_square
-            < self.chi_square_limit(FREEDOM) * reduced.max(1.0)
+            < self.chi_square_limit(FREEDOM + usize::from(self.unknown.strength)) * reduced.max(1.0)
         {
             return Some("the readings are explained by noise alone: no magnet in reach".to_owned());
         }
@@ -357,48 +363,6 @@ fn nearest_sensor_m(solution: &Solution, channels: &Channels) -> f64 {
     channels.positions_world_m.iter().map(|s| (s - place).norm()).fold(f64::INFINITY, f64::min)
 }
 
-/// The sensors that are there to tell the ambient field.
-struct Reference {
-    sensors: Vec<bool>,
-    /// What of the magnet's own field they may see at most, T.
-    leak_tesla: f64,
-}
-
-impl Reference {
-    /// Of an array. The magnet comes no nearer to a reference sensor than the nearest other sensor, as far as the array can say: on its axis
-    /// it sends twice its strength over the cube of that distance.
-    fn of(array: &SensorArray, magnet: &Magnet) -> Self {
-        let places = |reference: bool| {
-            let of = move |sensor: &&Magnetometer| sensor.reference == reference;
-            array.sensors.iter().filter(of).map(|sensor| sensor.pose.translation.vector)
-        };
-        let apart = places(true).flat_map(|far| places(false).map(move |near| (far - near).norm()));
-        let nearest_m = apart.fold(f64::INFINITY, f64::min);
-        Self {
-            sensors: array.sensors.iter().map(|sensor| sensor.reference).collect(),
-            leak_tesla: 2.0 * magnet.cylinder.strength_t_m3() / nearest_m.powi(3),
-        }
-    }
-
-    /// The ambient field by least squares of their channels, with what of the magnet may be in it. `None` where they do not tell all of it.
-    fn tell(&self, reading: &Reading, model: &FluxModel) -> Option<AmbientPrior> {
-        let flux = reading.payload.f64("flux_tesla").ok()?;
-        let mut information = Matrix3::zeros();
-        let mut right = Vector3::zeros();
-        for (k, channel) in model.channels.channels.iter().enumerate() {
-            if self.sensors[channel.sensor] && reading.payload.valid()[k] {
-                let weighted = channel.axis_world / model.variance(flux[k]);
-                information += weighted * channel.axis_world.transpose();
-                right += weighted * flux[k];
-            }
-        }
-        let covariance = information.cholesky()?.inverse();
-        let leak = Matrix3::identity() * self.leak_tesla.powi(2);
-        let information = (covariance + leak).cholesky()?.inverse();
-        Some(AmbientPrior { mean_tesla: covariance * right, information })
-    }
-}
-
 /// χ² of the readings if there were no magnet; where an ambient field is unknown, with the one that explains them best.
 fn without_magnet(readings: Readings<'_>, channels: &Channels) -> f64 {
     let of = |k: usize| {
@@ -406,13 +370,13 @@ fn without_magnet(readings: Readings<'_>, channels: &Channels) -> f64 {
     };
     let valid = || (0..readings.flux_tesla.len()).filter(|k| readings.valid[*k]).map(of);
     let (ambient, before) = if readings.unknown.ambient {
-        let prior = &readings.ambient;
+        let prior = &readings.prior;
         let seen: Matrix3<f64> = valid().map(|(_, a, w)| a * a.transpose() * w).sum();
         let right: Vector3<f64> = valid().map(|(z, a, w)| a * (w * z)).sum();
-        let factor = (seen + prior.information).cholesky();
-        let right = right + prior.information * prior.mean_tesla;
-        let ambient = factor.map_or_else(Vector3::zeros, |factor| factor.solve(&right));
-        (ambient, prior.chi_square(&ambient))
+        let (inverse, _) =
+            generalised_inverse(&DMatrix::from_column_slice(3, 3, (seen + prior.ambient).as_slice()));
+        let ambient: Vector3<f64> = Matrix3::from_column_slice(inverse.as_slice()) * right;
+        (ambient, ambient.dot(&(prior.ambient * ambient)))
     } else {
         (Vector3::zeros(), 0.0)
     };
@@ -439,18 +403,6 @@ impl FrontEnd for MagneticFrontEnd {
                 format!("{} channels, the installed array has {}", flux.len(), model.channels.len());
             return Err(ModalityError::Reading(message));
         }
-        let mut model = model;
-        if self.ambient == Ambient::Reference {
-            match self.reference.tell(&reading, &model) {
-                Some(prior) => model.ambient = prior,
-                None => return Ok(refused("the reference sensors do not tell the ambient field")),
-            }
-            for (k, channel) in model.channels.channels.iter().enumerate() {
-                if self.array.sensors[channel.sensor].reference {
-                    reading.payload.mask_row(k);
-                }
-            }
-        }
         let flux = reading.payload.f64("flux_tesla")?;
         let valid = reading.payload.valid();
         let count = valid.iter().filter(|v| **v).count();
@@ -471,7 +423,7 @@ impl FrontEnd for MagneticFrontEnd {
             valid,
             variance_tesla2: &variance,
             unknown: self.unknown,
-            ambient: model.ambient,
+            prior: self.start_prior(),
         };
         let world_from_array = reading.known_poses.get("array").copied().unwrap_or_else(Isometry3::identity);
         let Some(found) = self.search(&model, readings, &world_from_array, prior) else {

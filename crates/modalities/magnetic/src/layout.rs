@@ -71,6 +71,7 @@ pub struct ArrayLayout {
     nearest_m: f64,
     noise_tesla: f64,
     limit_tesla: Option<f64>,
+    strength_t_m3: f64,
 }
 
 /// The kinds of element.
@@ -80,6 +81,7 @@ fn kind_of(axes: Axes) -> usize {
     KINDS.iter().position(|kind| *kind == axes).unwrap_or_default()
 }
 
+/// Reference sensors are no part of a layout: they tell the ambient field, from where they stand.
 fn elements_of(array: &SensorArray) -> Vec<LayoutElement> {
     let element = |(i, sensor): (usize, &crate::array::Magnetometer)| LayoutElement {
         name: format!("s{i}"),
@@ -87,7 +89,7 @@ fn elements_of(array: &SensorArray) -> Vec<LayoutElement> {
         kind: kind_of(sensor.axes),
         cost: sensor.axes.indices().len() as f64,
     };
-    array.sensors.iter().enumerate().map(element).collect()
+    array.sensors.iter().enumerate().filter(|(_, sensor)| !sensor.reference).map(element).collect()
 }
 
 impl ArrayLayout {
@@ -112,7 +114,17 @@ impl ArrayLayout {
             None => Vec::new(),
             Some(name) => {
                 let file = setup.models.open("sensor-arrays", name, options, "candidates")?;
-                elements_of(&SensorArray::from_node(&file)?)
+                let candidates = SensorArray::from_node(&file)?;
+                let built = Installed { array: candidates.clone(), ..opened.clone() };
+                let of = |installed: &Installed| (installed.reading_sigma_tesla(), installed.limit_tesla());
+                if of(&built) != of(&opened) {
+                    let message = format!(
+                        "the candidates are other sensors than the installed ones, by which all are judged: noise, saturation and resolution of `{}` and `{}` differ",
+                        candidates.name, opened.array.name
+                    );
+                    return Err(options.error_at("candidates", &message).into());
+                }
+                elements_of(&candidates)
             }
         };
         let mut nuisance = Vec::new();
@@ -132,6 +144,7 @@ impl ArrayLayout {
             nearest_m: cylinder.radius_m().hypot(cylinder.half_length_m()),
             noise_tesla: opened.reading_sigma_tesla(),
             limit_tesla: opened.limit_tesla(),
+            strength_t_m3: cylinder.strength_t_m3(),
             array: opened.array,
             table,
         })
@@ -197,6 +210,29 @@ impl LayoutModel for ArrayLayout {
         (largest > limit).then(|| format!("saturated: {largest:.2e} T of {limit:.2e}"))
     }
 
+    fn least_distance_m(&self) -> f64 {
+        // On its axis a dipole has twice its strength over the cube of the distance.
+        let saturated = self.limit_tesla.map_or(0.0, |limit| (2.0 * self.strength_t_m3 / limit).cbrt());
+        saturated.max(self.nearest_m) + self.offset_capsule_m.norm()
+    }
+
+    fn is_memoryless(&self) -> bool {
+        self.parameters.nuisance.is_empty()
+            && self.table.bias_sigma_tesla.0 == 0.0
+            && self.table.gain_sigma.0 == 0.0
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        let mut said = vec![format!("noise {:.3} nT", 1e9 * self.noise_tesla)];
+        if self.table.bias_sigma_tesla.0 > 0.0 {
+            said.push(format!("an offset of {:.3} nT per channel", 1e9 * self.table.bias_sigma_tesla.0));
+        }
+        if self.table.gain_sigma.0 > 0.0 {
+            said.push(format!("a gain error of {:.3} % per channel", 100.0 * self.table.gain_sigma.0));
+        }
+        said
+    }
+
     fn to_toml(&self, name: &str, source: &str, elements: &[LayoutElement]) -> Option<String> {
         let mut text = String::new();
         let quoted = |words: &str| toml_string(words);
@@ -205,6 +241,10 @@ impl LayoutModel for ArrayLayout {
         let _ = writeln!(text, "# Found by a search for a layout.");
         let _ = writeln!(text, "[array]\nname = {}\nsource = {}", quoted(name), quoted(&source));
         let _ = writeln!(text, "noise_tesla = {:e}", self.array.noise_tesla);
+        let starts: Vec<String> = self.array.starts_m().iter().map(millimetres).collect();
+        if !starts.is_empty() {
+            let _ = writeln!(text, "start_positions_mm = [{}]", starts.join(", "));
+        }
         if let Some(limit) = self.array.saturation_tesla {
             let _ = writeln!(text, "saturation_tesla = {limit:e}");
         }
@@ -212,22 +252,30 @@ impl LayoutModel for ArrayLayout {
             let _ = writeln!(text, "resolution_tesla = {step:e}");
         }
         for element in elements {
-            let place = element.world_from_element.translation.vector * 1e3;
-            let _ = writeln!(
-                text,
-                "\n[[sensor]]\nposition_mm = [{:.4}, {:.4}, {:.4}]",
-                place.x, place.y, place.z
-            );
-            let turn = element.world_from_element.rotation.scaled_axis().map(f64::to_degrees);
-            if turn.norm() > 0.0 {
-                let _ = writeln!(text, "rotation_vector_deg = [{:.6}, {:.6}, {:.6}]", turn.x, turn.y, turn.z);
-            }
-            if KINDS[element.kind] != Axes::Xyz {
-                let axis = ["xyz", "x", "y", "z"][element.kind];
-                let _ = writeln!(text, "axes = \"{axis}\"");
-            }
+            write_sensor(&mut text, &element.world_from_element, element.kind);
+        }
+        for sensor in self.array.sensors.iter().filter(|sensor| sensor.reference) {
+            write_sensor(&mut text, &sensor.pose, kind_of(sensor.axes));
+            let _ = writeln!(text, "reference = true");
         }
         Some(text)
+    }
+}
+
+fn millimetres(place_m: &Vector3<f64>) -> String {
+    let place = place_m * 1e3;
+    format!("[{:.4}, {:.4}, {:.4}]", place.x, place.y, place.z)
+}
+
+/// Adds a `[[sensor]]`. Writing to a string cannot fail.
+fn write_sensor(text: &mut String, pose: &Isometry3<f64>, kind: usize) {
+    let _ = writeln!(text, "\n[[sensor]]\nposition_mm = {}", millimetres(&pose.translation.vector));
+    let turn = pose.rotation.scaled_axis().map(f64::to_degrees);
+    if turn.norm() > 0.0 {
+        let _ = writeln!(text, "rotation_vector_deg = [{:.6}, {:.6}, {:.6}]", turn.x, turn.y, turn.z);
+    }
+    if KINDS[kind] != Axes::Xyz {
+        let _ = writeln!(text, "axes = \"{}\"", ["xyz", "x", "y", "z"][kind]);
     }
 }
 

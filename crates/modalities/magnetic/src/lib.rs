@@ -65,10 +65,9 @@ impl Modality for Magnetic {
     fn estimator(&self, installed: &Node, options: &Node, setup: &Setup) -> Result<Estimator, ModalityError> {
         let opened = Installed::from_node(installed, setup)?;
         let table = OptionsTable::from_node(options)?;
-        if table.ambient == Ambient::Reference && !opened.array.sensors.iter().any(|sensor| sensor.reference)
-        {
+        if table.ambient == Ambient::Reference && !opened.array.reference_tells_all() {
             let message = format!(
-                "array `{}` has no reference sensors; give a [[sensor]] of its file `reference = true`",
+                "the reference sensors of array `{}` do not tell all three components of a field; give its file a [[sensor]] of three axes with `reference = true`",
                 opened.array.name
             );
             return Err(options.error_at("ambient", &message).into());

@@ -2,14 +2,14 @@
 //!
 //! Residual `z_k - h_k` over the valid channels, Jacobian by `[δp_world, δθ_capsule]`, independent noise
 //! `σ_k² = σ² + (ε z_k)²` with ε the relative model error that the estimator allows for. What is unknown beside the pose is a state of
-//! the filter ([`crate::nuisance`]); an ambient field that is not carried is integrated out of each reading: flat beforehand, which leaves
-//! the differences between channels (orthonormal contrasts), or as reference sensors tell it.
+//! the filter ([`crate::nuisance`]); an ambient field that is not carried is integrated out of each reading, which leaves the
+//! differences between channels (orthonormal contrasts).
 
-use crate::bound::inverse_of_information;
 use crate::channels::{Channels, Prediction};
 use crate::nuisance::{Explained, Nuisance};
-use crate::solver::{AmbientPrior, Unknown};
+use crate::solver::{LinearPrior, Unknown};
 use lumenav_core::fix::FixModel;
+use lumenav_core::linear::generalised_inverse;
 use lumenav_core::{
     BlockSpec, Frame, Instant, Linearization, Measurement, MeasurementModel, ModalityError, Noise, Part,
     StateView,
@@ -33,8 +33,8 @@ pub struct FluxModel {
     pub relative_error: f64,
     /// What this reading alone has to tell beside the pose: it takes from the information. No state of the filter.
     pub unknown: Unknown,
-    /// What is known beforehand of the ambient field, where it is unknown.
-    pub ambient: AmbientPrior,
+    /// What is known of that beforehand.
+    pub prior: LinearPrior,
     /// What the filter carries from reading to reading.
     pub nuisance: Arc<Nuisance>,
 }
@@ -68,19 +68,21 @@ impl FluxModel {
     }
 
     /// Takes the ambient field out of whitened rows (residual first): rotated by the reflections that turn `[W^½ A; Λ^½]` into a triangle,
-    /// of which the first three rows hold the field and nothing else is lost. Gives independent rows of unit noise.
+    /// of which the first rows hold what is told of the field, and nothing else is lost. Gives independent rows of unit noise. Directions of the
+    /// field that no channel reads along have no row.
     fn without_ambient(&self, rows: DMatrix<f64>, axes: DMatrix<f64>) -> DMatrix<f64> {
         let count = rows.nrows();
-        let prior = self.ambient.information.cholesky().map(|factor| factor.l().transpose());
-        let extra = if prior.is_some() { 3 } else { 0 };
+        let root = self.prior.ambient.cholesky().map(|factor| factor.l().transpose());
+        let extra = if root.is_some() { 3 } else { 0 };
         let mut rows = rows.resize_vertically(count + extra, 0.0);
         let mut axes = axes.resize_vertically(count + extra, 0.0);
-        if let Some(root) = prior {
+        if let Some(root) = root {
             axes.view_mut((count, 0), (3, 3)).copy_from(&root);
-            rows.view_mut((count, 0), (3, 1)).copy_from(&(root * self.ambient.mean_tesla));
         }
-        axes.qr().q_tr_mul(&mut rows);
-        rows.remove_rows(0, 3.min(count + extra))
+        let told = told_directions(&axes);
+        let kept = (count + extra).min(told.ncols());
+        (axes * told).qr().q_tr_mul(&mut rows);
+        rows.remove_rows(0, kept)
     }
 
     /// The residual form whose ambient field is integrated out.
@@ -167,15 +169,16 @@ impl MeasurementModel for FluxModel {
                 nuisance[(k, i)] = weight * value;
             }
         }
-        let known = self.ambient.information.cholesky().filter(|_| self.unknown.ambient);
+        let first = usize::from(self.unknown.strength);
+        let known = self.prior.ambient.cholesky().filter(|_| self.unknown.ambient);
         if let Some(known) = known {
-            let first = usize::from(self.unknown.strength);
             nuisance.view_mut((flux.len(), first), (3, 3)).copy_from(&known.l().transpose());
         }
-        // Nothing is known of the pose where nothing tells what else is unknown.
-        let Some(covariance) = inverse_of_information(&nuisance) else {
-            return Ok(Some(DMatrix::zeros(6, 6)));
-        };
+        let mut told = nuisance.tr_mul(&nuisance);
+        if self.unknown.strength {
+            told[(0, 0)] += self.prior.strength;
+        }
+        let (covariance, _) = generalised_inverse(&told);
         let mixed = jacobian.tr_mul(&nuisance.rows(0, flux.len()));
         Ok(Some(information - &mixed * covariance * mixed.transpose()))
     }
@@ -183,6 +186,16 @@ impl MeasurementModel for FluxModel {
     fn strongly_nonlinear(&self) -> bool {
         true
     }
+}
+
+/// Directions, as columns, along which axes read anything at all.
+fn told_directions(axes: &DMatrix<f64>) -> DMatrix<f64> {
+    /// Below this share of the largest eigenvalue a direction is rounding.
+    const LEAST: f64 = 1e-12;
+    let eigen = axes.tr_mul(axes).symmetric_eigen();
+    let least = LEAST * eigen.eigenvalues.max();
+    let told = (0..3).filter(|i| eigen.eigenvalues[*i] > least);
+    eigen.eigenvectors.select_columns(&told.collect::<Vec<_>>())
 }
 
 /// A maximum-likelihood fix that remembers the reading it came from.

@@ -15,16 +15,18 @@
 //! ```
 //!
 //! which is the pose's own Fisher information with the unknown ones beside it. A negative strength is the opposite axis. What is known
-//! of the ambient field beforehand, `b ~ N(b₀, Λ⁻¹)` (reference sensors), adds Λ to NᵀWN, Λ b₀ to NᵀWz and `(b - b₀)ᵀΛ(b - b₀)` to χ²;
-//! Λ = 0 leaves differences between channels alone.
+//! of them beforehand, `c ~ N([1, 0], Λ⁻¹)`, adds Λ to NᵀWN, its mean times Λ to NᵀWz and its own square to χ²; Λ = 0 leaves differences
+//! between channels alone. Directions of b that no channel reads along tell nothing and take nothing: a generalised inverse
+//! ([`lumenav_core::linear`]) takes the place of the inverse.
 //!
 //! Some arrays see two poses that fit equally (single-axis sensors in one plane: the pose and its mirror image; very few
 //! channels): [`solve_from_all`] hands the second out as a rival, so that nobody takes a coin's toss for a fix.
 
 use crate::channels::{Channels, MagnetPose, Prediction};
+use lumenav_core::linear::generalised_inverse;
 use lumenav_core::pose::tangent_basis;
 use lumenav_fields::FieldSource;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
 
 /// A matrix of the five degrees of freedom.
 pub type Matrix5 = SMatrix<f64, 5, 5>;
@@ -66,32 +68,19 @@ impl Unknown {
     }
 }
 
-/// What is known of an unknown ambient field before a reading: `N(mean, information⁻¹)`.
+/// What is known before a reading of what is unknown: strength `N(1, 1/information)`, ambient field `N(0, information⁻¹)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AmbientPrior {
-    /// Mean, T in the world.
-    pub mean_tesla: Vector3<f64>,
-    /// Inverse covariance, 1/T²; zeros where nothing is known.
-    pub information: Matrix3<f64>,
+pub struct LinearPrior {
+    /// Inverse variance of the strength; 0 where nothing is known.
+    pub strength: f64,
+    /// Inverse covariance of the ambient field, 1/T²; zeros where nothing is known.
+    pub ambient: Matrix3<f64>,
 }
 
-impl AmbientPrior {
+impl LinearPrior {
     /// Nothing is known.
-    pub const NONE: Self = Self {
-        mean_tesla: Vector3::new(0.0, 0.0, 0.0),
-        information: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    };
-
-    /// `(b - b₀)ᵀ Λ (b - b₀)`.
-    pub fn chi_square(&self, ambient_tesla: &Vector3<f64>) -> f64 {
-        let away = ambient_tesla - self.mean_tesla;
-        away.dot(&(self.information * away))
-    }
-
-    /// As many observations as it stands for.
-    fn observations(&self) -> usize {
-        if self.information == Matrix3::zeros() { 0 } else { 3 }
-    }
+    pub const NONE: Self =
+        Self { strength: 0.0, ambient: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) };
 }
 
 /// Columns of what is unknown at most: strength and ambient field. Those that are known hold a one on the diagonal and nothing beside it.
@@ -143,8 +132,8 @@ pub struct Readings<'a> {
     pub variance_tesla2: &'a [f64],
     /// What is unknown beside the pose.
     pub unknown: Unknown,
-    /// What is known beforehand of the ambient field, where it is unknown.
-    pub ambient: AmbientPrior,
+    /// What is known of that beforehand.
+    pub prior: LinearPrior,
 }
 
 /// Buffers of a solver; one per front end.
@@ -160,6 +149,8 @@ struct Normal {
     chi_square: f64,
     strength: f64,
     ambient_tesla: Vector3<f64>,
+    /// Unknowns that nothing tells.
+    unseen: usize,
 }
 
 /// The linear unknowns at one pose, and how the pose's rows lean on them.
@@ -167,7 +158,12 @@ struct Linear {
     inverse: Matrix4,
     by_pose: SMatrix<f64, 4, 5>,
     coefficients: Vector4,
+    /// Unknowns that nothing tells.
+    unseen: usize,
 }
+
+/// Square root of the least pivot of a scaled matrix that is not rounding.
+const LEAST_PIVOT: f64 = 1e-6;
 
 /// The columns of what is unknown in one channel.
 fn column(unknown: Unknown, flux: f64, axis: &Vector3<f64>) -> Vector4 {
@@ -195,23 +191,41 @@ fn solve_linear(
         by_pose += weighted * Vector5::from([p.x, p.y, p.z, a.dot(e1), a.dot(e2)]).transpose();
         right += weighted * (readings.flux_tesla[k] - known);
     }
+    if unknown.strength {
+        normal[(0, 0)] += readings.prior.strength;
+        right[0] += readings.prior.strength;
+    }
     if unknown.ambient {
-        let prior = &readings.ambient;
         let mut block = normal.fixed_view_mut::<3, 3>(1, 1);
-        block += prior.information;
-        let mut block = right.fixed_rows_mut::<3>(1);
-        block += prior.information * prior.mean_tesla;
+        block += readings.prior.ambient;
     }
     for i in 0..4 {
         if (i == 0 && !unknown.strength) || (i > 0 && !unknown.ambient) {
             normal[(i, i)] = 1.0;
         }
     }
+    let (inverse, rank) = inverse_of(&normal)?;
+    // Those that are known stand on the diagonal by themselves.
+    let unseen = 4 - rank;
+    Some(Linear { coefficients: inverse * right, inverse, by_pose, unseen })
+}
+
+/// The inverse of the unknowns' normal matrix, or a generalised one, and its rank; `None` where numbers are not finite.
+fn inverse_of(normal: &Matrix4) -> Option<(Matrix4, usize)> {
     // Tesla and a relative strength differ by orders of magnitude.
     let scale = normal.diagonal().map(|d| 1.0 / d.max(f64::MIN_POSITIVE).sqrt());
     let scaling = Matrix4::from_diagonal(&scale);
-    let inverse = scaling * (scaling * normal * scaling).cholesky()?.inverse() * scaling;
-    Some(Linear { coefficients: inverse * right, inverse, by_pose })
+    let scaled = scaling * normal * scaling;
+    if let Some(factor) =
+        scaled.cholesky().filter(|f| f.l_dirty().diagonal().iter().all(|p| *p > LEAST_PIVOT))
+    {
+        return Some((scaling * factor.inverse() * scaling, 4));
+    }
+    if !normal.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let (inverse, rank) = generalised_inverse(&DMatrix::from_column_slice(4, 4, normal.as_slice()));
+    Some((Matrix4::from_column_slice(inverse.as_slice()), rank))
 }
 
 fn normal_equations(
@@ -230,6 +244,7 @@ fn normal_equations(
         chi_square: 0.0,
         strength: 1.0,
         ambient_tesla: Vector3::zeros(),
+        unseen: 0,
     };
     let mut linear = None;
     if readings.unknown != Unknown::default() {
@@ -238,6 +253,7 @@ fn normal_equations(
                 let c = &solved.coefficients;
                 normal.strength = if readings.unknown.strength { c[0] } else { 1.0 };
                 normal.ambient_tesla = Vector3::new(c[1], c[2], c[3]);
+                normal.unseen = solved.unseen;
                 linear = Some(solved);
             }
             // Nothing tells what is unknown: as far away as any pose can be.
@@ -245,8 +261,11 @@ fn normal_equations(
         }
     }
     let (strength, ambient) = (normal.strength, normal.ambient_tesla);
+    if readings.unknown.strength {
+        normal.chi_square += readings.prior.strength * (strength - 1.0).powi(2);
+    }
     if readings.unknown.ambient {
-        normal.chi_square += readings.ambient.chi_square(&ambient);
+        normal.chi_square += ambient.dot(&(readings.prior.ambient * ambient));
     }
     let rows = prediction.flux_tesla.iter().zip(&prediction.by_position).zip(&prediction.by_axis);
     let observed = readings.flux_tesla.iter().zip(readings.valid).zip(readings.variance_tesla2);
@@ -321,12 +340,15 @@ pub fn solve(
         magnet.axis_world = -magnet.axis_world;
         normal = normal_equations(channels, source, &magnet, readings, workspace);
     }
-    let prior = if readings.unknown.ambient { readings.ambient.observations() } else { 0 };
+    // A prior is an observation of each unknown that it is of.
+    let told = |unknown: bool, is_flat: bool, count: usize| if unknown && !is_flat { count } else { 0 };
+    let prior = told(readings.unknown.strength, readings.prior.strength == 0.0, 1)
+        + told(readings.unknown.ambient, readings.prior.ambient == Matrix3::zeros(), 3);
     Solution {
         magnet,
         strength: normal.strength,
         ambient_tesla: normal.ambient_tesla,
-        freedom: readings.unknown.freedom() - prior,
+        freedom: readings.unknown.freedom() - prior - normal.unseen,
         chi_square: normal.chi_square,
         information: normal.matrix,
         channels: readings.valid.iter().filter(|v| **v).count(),

@@ -75,7 +75,7 @@ pub(super) fn claim(quantity: impl Into<String>, unit: &str, claimed: Claim, our
         Claim::AtLeast(value) => (value, Sense::HigherIsBetter, 0.0),
     };
     let row = Row::new(quantity, unit, Some(published)).ours("model", ours);
-    row.judged("model", sense, Tolerance::Absolute(tolerance), why)
+    row.claimed("model", sense, Tolerance::Absolute(tolerance), why)
 }
 
 /// What every table of this publication says of its set-up.
@@ -84,8 +84,8 @@ pub(super) fn set_up(table: &mut Table) {
     table.set("noise", format!("{SIGMA_TESLA} T per axis and reading, three axes"));
     table.set("network", "0.5 x 0.5 m, sensors on its edge included");
     table.note(
-        "`published` is the claim put as a number: a value, or what it is to stay below or above; `differs` means that the claim does not hold for \
-         the model as stated, and the figure shows it",
+        "`published` is the claim put as a number: a value, or what it is to stay below or above; a claim that does not hold does not hold for the \
+         model as stated, and the figure shows it. a, b and c are the magnet's coordinates: a and b in the plane of the sensors, c its height above it",
     );
 }
 

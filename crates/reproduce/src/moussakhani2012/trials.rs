@@ -61,7 +61,7 @@ fn search(
         valid: &valid,
         variance_tesla2: &variance,
         unknown: lumenav_magnetic::solver::Unknown::default(),
-        ambient: lumenav_magnetic::solver::AmbientPrior::NONE,
+        prior: lumenav_magnetic::solver::LinearPrior::NONE,
     };
     let starts =
         [Vector3::z(), -Vector3::z()].map(|axis_world| MagnetPose { position_world_m: START_M, axis_world });

@@ -129,7 +129,7 @@ pub(crate) fn run(_context: &Context<'_>, mut table: Table) -> Result<Table, Rep
                 Some(height_m) => row.ours("model", height_m),
                 None => row,
             };
-            table.rows.push(row.not_comparable("the source gives none: the magnet's bound grows with the fourth power of the height and more, radio's with the second"));
+            table.rows.push(row.not_comparable("the source gives none: the magnet's bound grows with the fourth power of the height and more, radio's with the second; the law of an implant in a body is carried on beyond one here"));
         }
     }
     table.figures.push(figure(vec![panel(4)?, panel(10)?])?);

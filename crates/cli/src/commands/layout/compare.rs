@@ -3,6 +3,7 @@
 use super::{Job, Judged, Setting, map, show};
 use crate::args::Verbosity;
 use crate::files;
+use anyhow::Context as _;
 use lumenav::open_scenario;
 use serde::Serialize;
 
@@ -33,8 +34,12 @@ pub(super) fn compare(job: &Job<'_>) -> anyhow::Result<()> {
         vec![(opened.sensor.to_string(), Vec::new(), job.judge(&opened, opened.model.elements())?.1)];
     for alternative in &opened.study.alternatives {
         let set: Vec<String> = job.options.set.iter().chain(&alternative.set).cloned().collect();
-        let file = open_scenario(&job.options.scenario, &set, job.options.models.as_deref())?;
-        let other = job.open_of(&file)?;
+        let named = || {
+            format!("in [[layout.alternative]] `{}` of {}", alternative.name, job.options.scenario.display())
+        };
+        let file =
+            open_scenario(&job.options.scenario, &set, job.options.models.as_deref()).with_context(named)?;
+        let other = job.open_of(&file).with_context(named)?;
         let judged = job.judge(&other, other.model.elements())?.1;
         layouts.push((alternative.name.clone(), alternative.set.clone(), judged));
     }

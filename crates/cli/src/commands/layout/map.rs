@@ -28,6 +28,26 @@ pub(super) fn csv(workspace: &Workspace, evaluation: &Evaluation) -> String {
 /// More slices than these are thinned: a page holds no more.
 const MOST_SLICES: usize = 9;
 
+/// Columns added beside a grid at most, so that the sensors around it are in the picture.
+const MOST_BESIDE: usize = 12;
+
+/// Coordinates with more of them on both sides, at the grid's own step, until they reach these places; and how many came before.
+fn with_room(at: &[f64], places: &[f64]) -> (Vec<f64>, usize) {
+    let step = at.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let (Some(first), Some(last)) = (at.first(), at.last()) else { return (Vec::new(), 0) };
+    if !step.is_finite() {
+        return (at.to_vec(), 0);
+    }
+    let reach = |beyond: &dyn Fn(f64) -> f64| {
+        let most = places.iter().map(|place| beyond(*place)).fold(0.0, f64::max);
+        ((most / step).ceil() as usize).min(MOST_BESIDE)
+    };
+    let (before, behind) = (reach(&|p| first - p), reach(&|p| p - last));
+    let lower = (1..=before).rev().map(|k| first - step * k as f64);
+    let upper = (1..=behind).map(|k| last + step * k as f64);
+    (lower.chain(at.iter().copied()).chain(upper).collect(), before)
+}
+
 /// Slices of a grid at constant z, each position's error the root mean square over the directions, with the sensors within half a step
 /// of the slice; `None` where there is no grid.
 pub(super) fn svg(
@@ -44,13 +64,27 @@ pub(super) fn svg(
         on_grid[*at] = 1e3 * (of_position.iter().map(|e| e * e).sum::<f64>() / directions as f64).sqrt();
     }
     let mm = |coordinates: &[f64]| coordinates.iter().map(|v| 1e3 * v).collect::<Vec<_>>();
+    let along = |axis: usize| -> Vec<f64> {
+        elements.iter().map(|e| e.world_from_element.translation.vector[axis]).collect()
+    };
+    let ((x_at, x_before), (y_at, y_before)) = (with_room(xs, &along(0)), with_room(ys, &along(1)));
+    let values_of = |k: usize| {
+        let mut values = vec![f64::NAN; x_at.len() * y_at.len()];
+        for (j, row) in
+            on_grid[k * xs.len() * ys.len()..(k + 1) * xs.len() * ys.len()].chunks(xs.len()).enumerate()
+        {
+            let from = (j + y_before) * x_at.len() + x_before;
+            values[from..from + xs.len()].copy_from_slice(row);
+        }
+        values
+    };
     let step = zs.len().div_ceil(MOST_SLICES);
     let half_m = zs.windows(2).map(|pair| 0.5 * (pair[1] - pair[0])).fold(0.05, f64::min);
     let slice = |k: usize| Map {
         title: format!("z = {:.0} mm", 1e3 * zs[k]).replace('-', "\u{2212}"),
-        x_at: mm(xs),
-        y_at: mm(ys),
-        values: on_grid[k * xs.len() * ys.len()..(k + 1) * xs.len() * ys.len()].to_vec(),
+        x_at: mm(&x_at),
+        y_at: mm(&y_at),
+        values: values_of(k),
         points: elements
             .iter()
             .map(|e| e.world_from_element.translation.vector)

@@ -6,6 +6,7 @@ use crate::files;
 use anyhow::bail;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use lumenav::OpenedLayout;
+use lumenav::core::Node;
 use lumenav::layouts::LayoutError;
 use lumenav::layouts::optimize::exchange::choose;
 use lumenav::layouts::optimize::moving::shift;
@@ -101,17 +102,19 @@ fn search_for(job: &Job<'_>, opened: &OpenedLayout, question: &Question<'_>) -> 
     };
     let stopped = || job.is_stopped();
     let search = &opened.study.search;
+    let table = opened.study.node.child_or_empty("optimize");
     if let Some(ranges) = &search.ranges {
-        let found = shift(question, ranges, &job.threads, &watch, &stopped)?;
+        let found =
+            shift(question, ranges, &job.threads, &watch, &stopped).map_err(|e| in_table(e, &table))?;
         bar.finish_and_clear();
         return Ok(Result { found, candidates: None, lower_bound: None });
     }
     if opened.model.candidates().is_empty() {
         let message = "nothing to choose from and nothing that moves; give `candidates` in [layout.model], or a range such as x_mm = [-250, 250] here";
-        return Err(opened.study.node.child_or_empty("optimize").error(message).into());
+        return Err(table.error(message).into());
     }
     let count = search.count.unwrap_or(opened.model.elements().len());
-    let chosen = choose(question, count, &job.threads, &watch, &stopped)?;
+    let chosen = choose(question, count, &job.threads, &watch, &stopped).map_err(|e| in_table(e, &table))?;
     let bound = lower_bound(&chosen.table, &opened.model.prior(), chosen.orbits, criterion, &stopped);
     bar.finish_and_clear();
     Ok(Result {
@@ -119,6 +122,14 @@ fn search_for(job: &Job<'_>, opened: &OpenedLayout, question: &Question<'_>) -> 
         candidates: Some([chosen.candidates, chosen.unusable, chosen.unpaired]),
         lower_bound: bound,
     })
+}
+
+/// What cannot be, with the table that asks for it.
+fn in_table(error: LayoutError, table: &Node) -> LayoutError {
+    match error {
+        LayoutError::Impossible(why) => table.error(&why).into(),
+        other => other,
+    }
 }
 
 fn report(
@@ -169,7 +180,9 @@ fn tell(report: &Report) -> anyhow::Result<()> {
         )?;
     }
     if let Some(unpaired) = report.unpaired_candidates.filter(|n| *n > 0) {
-        say!("{unpaired} candidates left out: a mirror image of them is missing")?;
+        say!(
+            "{unpaired} candidates left out: they have no full set of mirror images (missing, nearer than the spacing, or themselves on the plane)"
+        )?;
     }
     match report.lower_bound {
         Some(bound) if report.unit == "mm" => say!(

@@ -42,6 +42,12 @@ pub(super) fn table(setting: &Setting, layouts: &[(String, &Judged)]) -> String 
     let wanted = layouts.first().map_or(1.0, |(_, j)| j.summary.wanted_mm);
     row(&format!("within {wanted} mm"), &|j| format!("{:.1} %", 100.0 * j.summary.share_below_wanted));
     row("poses without a bound", &|j| format!("{} of {}", j.summary.poses_without_bound, j.summary.poses));
+    if layouts.iter().any(|(_, j)| j.summary.pairs_without_reading > 0) {
+        row("saturated or in the magnet", &|j| {
+            let of = j.summary.poses * j.summary.elements;
+            format!("{} of {of}", j.summary.pairs_without_reading)
+        });
+    }
     let most = layouts.iter().map(|(_, j)| j.deaths.len()).max().unwrap_or(0);
     for at in 0..most {
         row(&format!("rms mm, worst {} dead", at + 1), &|j| deaths(j, at));
@@ -97,8 +103,11 @@ pub(super) fn head(setting: &Setting) -> String {
     } else {
         format!("unknown beside them: {}", setting.unknown.join(", "))
     };
+    let words: Vec<&str> =
+        std::iter::once(unknown.as_str()).chain(setting.assumptions.iter().map(String::as_str)).collect();
+    let words = words.join("; ");
     format!(
-        "bound of one reading of `{}` ({}) over {} positions x {} directions; {unknown}",
+        "bound of one reading of `{}` ({}) over {} positions x {} directions; {words}",
         setting.sensor, setting.modality, setting.positions, setting.directions
     )
 }

@@ -54,7 +54,7 @@ fn flux_model(source: FieldSource, offset_capsule_m: Vector3<f64>) -> FluxModel 
         noise_tesla: SIGMA_TESLA,
         relative_error: 0.01,
         unknown: lumenav_magnetic::solver::Unknown::default(),
-        ambient: lumenav_magnetic::solver::AmbientPrior::NONE,
+        prior: lumenav_magnetic::solver::LinearPrior::NONE,
         nuisance: Arc::default(),
     }
 }

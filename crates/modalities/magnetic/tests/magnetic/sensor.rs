@@ -175,7 +175,10 @@ fn law_bad_tables_are_refused_with_file_line_and_key() {
             "`disturbance",
         ),
         (plane, "[[disturbance]]\nstart_s = 1\nend_s = 2\nposition_mm = [0,0,0]", "give one of them"),
-        (plane, "[[turn]]\nstart_s = 1\nend_s = 2\naxis = [0,0,0]\nangle_deg = 90", "axis of length zero"),
+        (plane, "[[turn]]\nstart_s = 1\nend_s = 2\naxis = [0,0,0]\nangle_deg = 90", "axis of length 0"),
+        (plane, "[[turn]]\nstart_s = 1\nend_s = 2\naxis = [1e-200,0,0]\nangle_deg = 90", "allowed: 1e-9"),
+        (plane, "[[turn]]\nstart_s = 1\nend_s = 2\naxis = [0,0,1e200]\nangle_deg = 90", "allowed: 1e-9"),
+        (plane, "[[turn]]\nstart_s = 1\nend_s = 2\naxis = [0,0,1]\nangle_deg = 1e300", "at most ten turns"),
         (
             plane,
             "[[turn]]\nstart_s = 0\nend_s = 2\naxis = [0,0,1]\nangle_deg = 90\n[[turn]]\nstart_s = 1\nend_s = 3\naxis = [0,0,1]\nangle_deg = 90",

@@ -6,7 +6,7 @@ use lumenav_fields::FieldSource;
 use lumenav_magnetic::array::SensorArray;
 use lumenav_magnetic::bound::bound;
 use lumenav_magnetic::channels::{Channels, MagnetPose};
-use lumenav_magnetic::solver::{AmbientPrior, Readings, Search, Unknown, Workspace, solve, solve_from_all};
+use lumenav_magnetic::solver::{LinearPrior, Readings, Search, Unknown, Workspace, solve, solve_from_all};
 use nalgebra::{Isometry3, Vector3};
 
 fn both_ways(position_world_m: Vector3<f64>) -> [MagnetPose; 2] {
@@ -20,7 +20,7 @@ fn search(channels: &Channels, source: &FieldSource, flux: &[f64], starts: &[Mag
         valid: &valid,
         variance_tesla2: &variance,
         unknown: Unknown::default(),
-        ambient: AmbientPrior::NONE,
+        prior: LinearPrior::NONE,
     };
     solve_from_all(channels, source, readings, starts, &mut Workspace::default()).unwrap()
 }
@@ -156,7 +156,7 @@ fn regress_a_stiff_start_is_not_taken_for_the_end() {
         valid: &valid,
         variance_tesla2: &variance,
         unknown: Unknown::default(),
-        ambient: AmbientPrior::NONE,
+        prior: LinearPrior::NONE,
     };
     let mut random = stream("far", 0);
     for _ in 0..300 {
@@ -206,7 +206,7 @@ fn law_an_unknown_strength_and_field_are_solved_for_at_their_bound() {
                 valid: &valid,
                 variance_tesla2: &variance,
                 unknown,
-                ambient: AmbientPrior::NONE,
+                prior: LinearPrior::NONE,
             };
             let found = solve_from_all(&channels, &dipole(), readings, &starts, &mut Workspace::default())
                 .unwrap()
@@ -251,7 +251,7 @@ fn law_the_information_is_that_of_the_bound_with_as_much_unknown() {
             valid: &valid,
             variance_tesla2: &variance,
             unknown,
-            ambient: AmbientPrior::NONE,
+            prior: LinearPrior::NONE,
         };
         let found = solve(&channels, &dipole(), readings, &truth, &mut Workspace::default());
         let covariance = found.information.cholesky().unwrap().inverse();
