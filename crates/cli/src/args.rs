@@ -350,6 +350,81 @@ pub enum ModelsCommand {
         #[arg(long)]
         json: bool,
     },
+    /// Make a model from a seed.
+    Generate {
+        /// What.
+        #[command(subcommand)]
+        what: GenerateCommand,
+    },
+    /// Make a tract of a person's own gut: a surface (STL, OBJ, PLY), watertight or nearly so.
+    Import(ImportTract),
+    /// Figures of tracts beside those measured in people.
+    Statistics {
+        /// The tract files.
+        #[arg(required = true)]
+        tracts: Vec<PathBuf>,
+    },
+}
+
+/// What is made from a seed.
+#[derive(Debug, Subcommand)]
+pub enum GenerateCommand {
+    /// A whole gut, mouth to rectum, within what is measured in people.
+    Tract(GenerateTract),
+}
+
+/// A tract from a seed.
+#[derive(Debug, Args)]
+pub struct GenerateTract {
+    /// The torso: small-woman, average-man, large-man.
+    #[arg(long, default_value = "average-man")]
+    pub size: String,
+    /// The seed; the same seed gives the same file.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Factor on the length of jejunum and ileum (a cadaver's are twice as long).
+    #[arg(long, default_value_t = 1.0)]
+    pub length_scale: f64,
+    /// Factor on all radii.
+    #[arg(long, default_value_t = 1.0)]
+    pub radius_scale: f64,
+    /// The file to write.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Replace a file that is there.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// A tract from a surface.
+#[derive(Debug, Args)]
+pub struct ImportTract {
+    /// The surface.
+    pub file: PathBuf,
+    /// The tract file to write.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Metres per unit of the surface's file: 0.001 where it is in millimetres.
+    #[arg(long, default_value_t = 1.0)]
+    pub factor: f64,
+    /// Which way its axes point: ras or lps.
+    #[arg(long)]
+    pub axes: Option<String>,
+    /// What it shows, where length and radius do not tell: small-bowel or colon.
+    #[arg(long)]
+    pub organ: Option<String>,
+    /// The tract's name; the file's otherwise.
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Where a segment begins, SEGMENT=x,y,z in mm of the surface's frame; may be repeated.
+    #[arg(long, allow_hyphen_values = true)]
+    pub start: Vec<String>,
+    /// Both ends and places between them, x,y,z in mm of the surface's frame, from mouth to anus.
+    #[arg(long, num_args = 2.., allow_hyphen_values = true)]
+    pub waypoints: Vec<String>,
+    /// Replace a file that is there.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Options of `plugins`.

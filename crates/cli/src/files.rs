@@ -14,6 +14,16 @@ pub fn check_free(out: &Path, names: &[&str], force: bool) -> anyhow::Result<()>
     }
 }
 
+/// The folder and the name of a file that is asked for.
+///
+/// # Errors
+/// A path without a file's name, or one that is not UTF-8.
+pub fn folder_and_name(path: &Path) -> anyhow::Result<(PathBuf, String)> {
+    let name = path.file_name().and_then(|name| name.to_str());
+    let name = name.with_context(|| format!("{} names no file", path.display()))?;
+    Ok((path.parent().unwrap_or_else(|| Path::new("")).to_owned(), name.to_owned()))
+}
+
 /// Writes files of a folder, each under another name first; their paths.
 ///
 /// # Errors

@@ -1,7 +1,11 @@
-//! `lumenav models` and `lumenav plugins`: what there is to build scenarios from.
+//! `lumenav models` and `lumenav plugins`: what there is to build scenarios from; new tracts, from a seed or from a person's surface.
+
+mod generate;
+mod import;
+mod statistics;
 
 use super::scenarios::toml_files;
-use crate::args::{ModelsCommand, PluginsOptions};
+use crate::args::{GenerateCommand, ModelsCommand, PluginsOptions};
 use crate::exit::WrongFiles;
 use anyhow::bail;
 use comfy_table::presets;
@@ -36,6 +40,9 @@ pub fn models(what: &ModelsCommand) -> anyhow::Result<()> {
         ModelsCommand::List { models, json } => list(models, *json),
         ModelsCommand::Show { model, models, json } => show(model, models, *json),
         ModelsCommand::Check { models, json } => check(models, *json),
+        ModelsCommand::Generate { what: GenerateCommand::Tract(options) } => generate::tract(options),
+        ModelsCommand::Import(options) => import::import(options),
+        ModelsCommand::Statistics { tracts } => statistics::statistics(tracts),
     }
 }
 
