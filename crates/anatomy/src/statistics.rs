@@ -286,7 +286,7 @@ impl Samples {
 }
 
 /// Bends of a chain of points a few millimetres apart, taken as straight in between: what a generator looks at before there is
-/// a centre line. Ranges are those of the small bowel.
+/// a centre line. Turns as in the small bowel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PolylineBends {
     /// In the order of [`BEND_QUANTITIES`].
@@ -324,14 +324,14 @@ impl PolylineBends {
         Self { values }
     }
 
-    /// Whether all figures lie in the measured ranges of the small bowel.
-    pub(crate) fn is_as_measured(&self) -> bool {
-        BEND_QUANTITIES.iter().zip(self.values).all(|(quantity, value)| {
-            MEASURED
-                .iter()
-                .filter(|range| range.part == "small bowel" && range.quantity == *quantity)
-                .all(|range| (range.low..=range.high).contains(&value))
-        })
+    /// Whether all figures lie in these ranges, SI, in the order of the fields' definition.
+    pub(crate) fn within(&self, ranges: &[(f64, f64); 4]) -> bool {
+        self.values.iter().zip(ranges).all(|(value, (low, high))| (low..=high).contains(&value))
+    }
+
+    /// Length per turn of more than 120 degrees, m.
+    pub(crate) fn length_per_turn_m(&self) -> f64 {
+        self.values[3]
     }
 }
 

@@ -11,7 +11,8 @@
 //! ```
 //!
 //! with `a`, `b` the two ends of its root and `i/n` the place along the path: jejunum stays above left, ileum below right.
-//! Pitch: `p = sqrt(φ V / L)` within limits, `V` the free volume, so that a longer bowel lies closer.
+//! A kink is kept with the odds `exp(-β (2 + Δ))`, `Δ` the straight places it costs (-2 to 2), so that `β` sets how often loops bend.
+//! Pitch: `p = sqrt(φ V / L)`, but no larger than gives the bends measured, `V` the free volume: a longer bowel lies closer.
 //! What makes a bowel of this path is the relaxation ([`super::relaxation`]).
 
 use super::Draws;
@@ -19,10 +20,16 @@ use nalgebra::{Point3, Rotation3, Unit, Vector3};
 use std::collections::{BTreeMap, VecDeque};
 use std::f64::consts::PI;
 
-/// Share of the free volume that a full lattice path is reckoned to fill.
-const FILL: f64 = 0.72;
-/// Largest and smallest pitch, m: below twice the radius of an empty bowel loops press each other flat.
-const PITCH_M: (f64, f64) = (0.0125, 0.0215);
+/// Share of the free volume that a path of this lattice fills before it gets stuck.
+const FILL: f64 = 0.62;
+/// The pitch that makes the bends measured, the smallest that still does, and the smallest at all, m: below twice the radius of
+/// an empty bowel loops press each other flat.
+const PITCH_M: f64 = 0.020;
+pub(super) const LEAST_PITCH_M: (f64, f64) = (0.0185, 0.0125);
+/// A path is that much longer than the bowel, which cuts its corners.
+const SLACK: f64 = 1.06;
+/// A kink that makes one corner more is that much less likely, as an exponent: gives the share of straight stretches measured.
+const CORNER_EXPONENT: f64 = 0.9;
 /// Grid on which the free volume is counted, m.
 const VOLUME_GRID_M: f64 = 0.008;
 /// Width of the fan at first, and by what it grows each time no kink was found.
@@ -127,11 +134,13 @@ pub(super) fn folded_path(
     start_m: Point3<f64>,
     end_m: Point3<f64>,
     length_m: f64,
+    least_pitch_m: f64,
     draws: &mut Draws,
 ) -> Result<Vec<Point3<f64>>, String> {
     let volume_m3 = free_volume_m3(room);
-    let pitch_m = (FILL * volume_m3 / length_m).sqrt().min(PITCH_M.1);
-    if pitch_m < PITCH_M.0 {
+    let path_m = SLACK * length_m;
+    let pitch_m = (FILL * volume_m3 / path_m).sqrt().min(PITCH_M);
+    if pitch_m < least_pitch_m {
         return Err(format!(
             "{length_m:.2} m of small bowel do not fit into {:.2} litres: loops would lie {:.1} mm apart",
             1e3 * volume_m3,
@@ -145,7 +154,7 @@ pub(super) fn folded_path(
     };
     let ends_m = [path[0], path[path.len() - 1]].map(|key| lattice.nodes[&key]);
     let ways_m = (ends_m[0] - start_m).norm() + (end_m - ends_m[1]).norm();
-    let count = ((length_m - ways_m) / pitch_m).round().max(1.0) as usize + 1;
+    let count = ((path_m - ways_m) / pitch_m).round().max(1.0) as usize + 1;
     let path = grown(&lattice, path, count, (start_m, end_m), draws)?;
     let nodes = path.iter().map(|key| lattice.nodes[key]);
     Ok(std::iter::once(start_m).chain(nodes).chain([end_m]).collect())
@@ -172,6 +181,7 @@ fn grown(
             let Some(at) = lattice.nodes.get(key).filter(|_| !taken.contains_key(key)) else { return false };
             ((at - start_m).dot(&root).clamp(0.0, 1.0) - place).abs() < width
         });
+        let fits = fits && draws.between(0.0, 1.0) < corner_odds(&path, i, kink);
         if fits {
             taken.extend(kink.map(|key| (key, ())));
             path.splice(i + 1..i + 1, kink);
@@ -188,4 +198,18 @@ fn grown(
         }
     }
     Ok(path)
+}
+
+/// Odds of keeping a kink by the corners it adds: two at most beside its own.
+fn corner_odds(path: &[Key], i: usize, kink: [Key; 2]) -> f64 {
+    let minus = |a: Key, b: Key| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let straight = |a: Key, b: Key, c: Key| minus(b, a) == minus(c, b);
+    let before = i.checked_sub(1).map(|at| path[at]);
+    let after = path.get(i + 2).copied();
+    let was = usize::from(before.is_some_and(|b| straight(b, path[i], path[i + 1])))
+        + usize::from(after.is_some_and(|a| straight(path[i], path[i + 1], a)));
+    let is = usize::from(before.is_some_and(|b| straight(b, path[i], kink[0])))
+        + usize::from(after.is_some_and(|a| straight(kink[1], path[i + 1], a)));
+    // Straight places lost are corners won; from -2 to 2, taken from the best.
+    (CORNER_EXPONENT * (is as f64 - was as f64 - 2.0)).exp()
 }

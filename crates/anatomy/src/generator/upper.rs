@@ -15,8 +15,11 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 /// Control points of a body and colon of the frame's own size move by up to this, each axis, mm.
 const JITTER_MM: f64 = 3.0;
 
+/// Where the oesophagus becomes the stomach.
+const CARDIA_MM: [f64; 3] = [-14.0, 6.0, 172.0];
+
 /// Segment and position (torso, RAS, mm), sized as the colon's frame.
-const FRAME_MM: [(SegmentKey, [f64; 3]); 19] = {
+const FRAME_MM: [(SegmentKey, [f64; 3]); 20] = {
     use SegmentKey::{Duodenum, Oesophagus, Stomach};
     [
         (Oesophagus, [0.0, -58.0, 392.0]),
@@ -24,13 +27,14 @@ const FRAME_MM: [(SegmentKey, [f64; 3]); 19] = {
         (Oesophagus, [2.0, -64.0, 270.0]),
         (Oesophagus, [0.0, -48.0, 220.0]),
         (Oesophagus, [-6.0, -22.0, 190.0]),
-        (Stomach, [-14.0, 6.0, 172.0]),
-        (Stomach, [-32.0, 26.0, 162.0]),
-        (Stomach, [-37.0, 48.0, 142.0]),
-        (Stomach, [-28.0, 64.0, 118.0]),
-        (Stomach, [-8.0, 66.0, 101.0]),
-        (Duodenum, [10.0, 52.0, 96.0]),
-        (Duodenum, [17.0, 30.0, 101.0]),
+        (Stomach, CARDIA_MM),
+        (Stomach, [-29.0, 25.0, 166.0]),
+        (Stomach, [-31.0, 49.0, 146.0]),
+        (Stomach, [-24.0, 67.0, 120.0]),
+        (Stomach, [-8.0, 73.0, 100.0]),
+        (Stomach, [10.0, 67.0, 90.0]),
+        (Duodenum, [18.0, 50.0, 97.0]),
+        (Duodenum, [20.0, 30.0, 101.0]),
         (Duodenum, [19.0, 8.0, 92.0]),
         (Duodenum, [21.0, -12.0, 72.0]),
         (Duodenum, [20.0, -22.0, 48.0]),
@@ -55,11 +59,23 @@ fn stomach_shape(way: f64) -> f64 {
     0.6 + 0.45 * (2.0 * FRAC_PI_2 * way).sin().max(0.0).sqrt()
 }
 
-/// The line from the mouth to the end of the duodenum; `size` multiplies the frame.
-pub(super) fn upper(draws: &mut Draws, size: f64, radius_scale: f64) -> Result<Line, AnatomyError> {
+/// The line from the mouth to the end of the duodenum. `size` multiplies what lies in the colon's frame, `body` the oesophagus,
+/// which is no longer where the colon is.
+pub(super) fn upper(
+    draws: &mut Draws,
+    size: f64,
+    body: f64,
+    radius_scale: f64,
+) -> Result<Line, AnatomyError> {
     let controls: Vec<Point3<f64>> = FRAME_MM
         .iter()
-        .map(|(_, at)| Point3::from((Vector3::from(*at) + draws.vector(JITTER_MM)) * (1e-3 * size)))
+        .map(|(key, at)| {
+            let at = Vector3::from(*at) + draws.vector(JITTER_MM);
+            let cardia = Vector3::from(CARDIA_MM);
+            let placed =
+                if *key == SegmentKey::Oesophagus { cardia * size + (at - cardia) * body } else { at * size };
+            Point3::from(placed * 1e-3)
+        })
         .collect();
     let line = CentreLine::through(&controls)?;
     let keys = [SegmentKey::Oesophagus, SegmentKey::Stomach, SegmentKey::Duodenum];

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! Torso: an elliptic cylinder; that of the average man is the body surface of GCA-Models EdinGCA_3D_00090 (0.426 x 0.246 m).
-//! That a small woman is 0.88 and a large man 1.08 of it, and the height, are believed, not measured. `length_scale` lengthens the
+//! That a small woman is 0.90 and a large man 1.08 of it, and the height, are believed, not measured. `length_scale` lengthens the
 //! small bowel alone, in the same torso: a cadaver's 7 m have lost their tone and are packed closer.
 //!
 //! An attempt is kept when every figure of [`crate::statistics`] lies in its measured range and no lumina overlap. A request with another
@@ -20,34 +20,42 @@
 //! Neglected: the ileum enters the caecum at its blind end (the tract is one line); no mesentery pulls; sex and age beyond size.
 
 use super::relaxation::Chain;
-use super::small_bowel::{Room, folded_path};
+use super::small_bowel::{LEAST_PITCH_M, Room, folded_path};
 use super::upper::upper;
 use super::{ColonRequest, Draws, Generated, Line, STEP_M, colon};
 use crate::error::AnatomyError;
 use crate::segment::SegmentKey;
 use crate::statistics::{PolylineBends, TractStatistics};
-use crate::tract::{End, TractDraft, TractReport};
-use crate::{CentreLine, Tract};
+use crate::tract::{End, Tract, TractDraft, TractReport};
 use lumenav_core::RandomStreams;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::TAU;
 
 /// Attempts before giving up.
-const ATTEMPTS: u32 = 40;
+const ATTEMPTS: u32 = 100;
 /// Half extents of the average man's torso, m: breadth and depth measured (GCA-Models EdinGCA_3D_00090), height believed.
 const TORSO_M: [f64; 3] = [0.213, 0.123, 0.42];
 /// Thickness of the abdominal wall, m; believed.
 const WALL_M: f64 = 0.018;
 /// The room of the small bowel in the colon's frame, m: between the two flanks, in front of the spine.
-const ROOM_M: ([f64; 3], [f64; 3]) = ([-0.074, -0.030, -0.128], [0.074, 0.074, 0.060]);
+const ROOM_M: ([f64; 3], [f64; 3]) = ([-0.078, -0.032, -0.138], [0.078, 0.084, 0.064]);
 /// Distance between lumina aimed at, m.
 const GAP_M: f64 = 0.0012;
 /// Longest small bowel from the duodenum's flexure on, m: the cadaver's.
 const LONGEST_M: f64 = 7.0;
+/// Bends of the small bowel aimed at: median and 5th percentile of the radius (m), mean curvature (1/m), length per turn (m). The
+/// reference's ranges (20 to 24 mm, 6.5 to 9 mm, 48 to 62 /m, 80 to 90 mm) less what a spline through the points differs.
+const BENDS: [(f64, f64); 4] = [(0.0202, 0.0238), (0.0067, 0.0088), (48.5, 61.5), (0.0803, 0.0897)];
 /// Bending stiffness, sweeps between two looks at the bends, and looks at most.
 const STIFFNESS: f64 = 0.12;
-const SWEEPS: usize = 6;
-const LOOKS: usize = 50;
+const SWEEPS: usize = 4;
+const LOOKS: usize = 30;
+/// After so many looks a bowel whose turns are too far from those measured is given up, with the range of length per turn, m.
+const PATIENT_LOOKS: usize = 4;
+const HOPELESS_TURN_M: (f64, f64) = (0.077, 0.093);
+/// The same for stomach and duodenum giving way to the colon.
+const WAY_STIFFNESS: f64 = 0.03;
+const WAY_SWEEPS: usize = 60;
 /// Median radius of jejunum and ileum, m, and depth of its variation.
 const RADIUS_M: ((f64, f64), (f64, f64)) = ((0.0073, 0.0081), (0.0070, 0.0080));
 const RIPPLE: f64 = 0.06;
@@ -94,7 +102,7 @@ impl BodySize {
     /// Size by the average man's.
     fn scale(self) -> f64 {
         match self {
-            Self::SmallWoman => 0.88,
+            Self::SmallWoman => 0.90,
             Self::AverageMan => 1.0,
             Self::LargeMan => 1.08,
         }
@@ -104,7 +112,7 @@ impl BodySize {
     /// divides over sizes is believed.
     fn small_bowel_m(self) -> (f64, f64) {
         match self {
-            Self::SmallWoman => (1.80, 2.50),
+            Self::SmallWoman => (1.65, 2.30),
             Self::AverageMan => (2.10, 3.00),
             Self::LargeMan => (2.50, 3.40),
         }
@@ -165,7 +173,12 @@ pub fn whole_gut(request: &WholeGutRequest, streams: &RandomStreams) -> Result<G
             Ok((draft, tract, report)) => {
                 return Ok(Generated { draft, tract, report, attempts: attempt + 1 });
             }
-            Err(failed) => reason = failed,
+            Err(failed) => {
+                if std::env::var_os("GUT_DEBUG").is_some() {
+                    eprintln!("FAIL {failed}");
+                }
+                reason = failed
+            }
         }
     }
     Err(AnatomyError::NoGutFound { attempts: ATTEMPTS, reason })
@@ -187,17 +200,35 @@ impl Frame {
             ColonRequest { total_length_m: None, length_scale: body, radius_scale: request.radius_scale };
         let colon_streams = streams.for_component(&format!("colon {attempt}"));
         let made = colon(&colon_request, &colon_streams).map_err(|error| error.to_string())?;
-        let size = body
-            * (made.tract.length_m() / body / colon::FRAME_TOTAL_M).powf(colon::SIZE_EXPONENT);
+        let size = body * (made.tract.length_m() / body / colon::FRAME_TOTAL_M).powf(colon::SIZE_EXPONENT);
         let mut draws = Draws::new(streams, "upper", attempt);
-        let upper = upper(&mut draws, size, request.radius_scale).map_err(|error| error.to_string())?;
-        let frame =
+        let upper = upper(&mut draws, size, body, request.radius_scale).map_err(|error| error.to_string())?;
+        let mut frame =
             Self { upper, colon: line_of(&made.draft), size, torso_m: request.size.torso_half_extents_m() };
+        frame.make_way();
         match frame.upper.points_m.iter().chain(&frame.colon.points_m).find(|point| !frame.is_in_torso(point))
         {
             Some(point) => Err(format!("the gut would leave the torso at {point}")),
             None => Ok(frame),
         }
+    }
+
+    /// Stomach and duodenum give way to the colon; the oesophagus and the flexure at the duodenum's end stay.
+    fn make_way(&mut self) {
+        let count = self.upper.points_m.len();
+        let points_m: Vec<_> = self.upper.points_m.iter().chain(&self.colon.points_m).copied().collect();
+        let rest_m = points_m.windows(2).map(|pair| (pair[1] - pair[0]).norm()).collect();
+        let stays = |i: usize| i + 1 >= count || self.upper.keys[i] == SegmentKey::Oesophagus;
+        let mut chain = Chain {
+            radii_m: self.upper.radii_m.iter().chain(&self.colon.radii_m).copied().collect(),
+            fixed: (0..points_m.len()).map(stays).collect(),
+            points_m,
+            rest_m,
+            gap_m: GAP_M,
+            stiffness: WAY_STIFFNESS,
+        };
+        chain.relax(WAY_SWEEPS, &|_, point| point);
+        self.upper.points_m.copy_from_slice(&chain.points_m[..count]);
     }
 
     fn is_in_torso(&self, point: &Point3<f64>) -> bool {
@@ -259,7 +290,8 @@ fn try_once(
     let is_free = |point: &Point3<f64>| frame.is_free(point, middle);
     let room = Room { low, high, is_free: &is_free };
     let (start, end) = (frame.upper.points_m[frame.upper.points_m.len() - 1], frame.colon.points_m[0]);
-    let path = folded_path(&room, start, end, length_m, &mut draws)?;
+    let least_m = if request.is_as_measured() { LEAST_PITCH_M.0 } else { LEAST_PITCH_M.1 };
+    let path = folded_path(&room, start, end, length_m, least_m, &mut draws)?;
     let bowel = bowel_line(&path, length_m, request.radius_scale, &mut draws);
     let line = settled(&frame, bowel, length_m, request)?;
     let draft = TractDraft {
@@ -332,20 +364,28 @@ fn settled(frame: &Frame, bowel: Line, length_m: f64, request: &WholeGutRequest)
     };
     let cavity = |i: usize, point: Point3<f64>| frame.in_room(point, line.radii_m[i]);
     let duodenum = frame.upper.keys.iter().position(|key| *key == SegmentKey::Duodenum).unwrap_or(0);
-    let mut last = String::new();
+    let (mut last, mut settled) = (String::new(), false);
     for look in 0..LOOKS {
         chain.relax(SWEEPS, &cavity);
         let bends = PolylineBends::of(&chain.points_m[duodenum..=before + count]);
-        last = bends.to_string();
-        if std::env::var_os("GUT_DEBUG").is_some() {
-            eprintln!("look {look}: {last}");
-        }
-        if bends.is_as_measured() && request.is_as_measured() {
-            break;
+        let per_turn_m = bends.length_per_turn_m();
+        let hopeless =
+            look >= PATIENT_LOOKS && !(HOPELESS_TURN_M.0..=HOPELESS_TURN_M.1).contains(&per_turn_m);
+        if request.is_as_measured() {
+            if bends.within(&BENDS) {
+                settled = true;
+                break;
+            }
+            last = bends.to_string();
+            if hopeless {
+                break;
+            }
         }
     }
+    if request.is_as_measured() && !settled {
+        return Err(format!("the small bowel would not bend as measured: {last}"));
+    }
     line.points_m = chain.points_m;
-    let _ = CentreLine::through(&line.points_m).map_err(|error| format!("{error}; {last}"))?;
     Ok(line)
 }
 
