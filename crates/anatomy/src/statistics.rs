@@ -414,7 +414,7 @@ impl TractStatistics {
             parts,
             closest_approach_m: samples.closest_approach_m(),
             overlaps: report.overlaps.len(),
-            overlap_length_m: report.overlaps.iter().map(|overlap| overlap.length_m).sum(),
+            overlap_length_m: report.overlaps.iter().fold(0.0, |sum, overlap| sum + overlap.length_m),
             deepest_overlap_m: report.overlaps.iter().map(|overlap| overlap.depth_m).fold(0.0, f64::max),
             length_m: tract.length_m(),
         }

@@ -49,11 +49,11 @@ impl Chain {
             self.bend();
             self.stretch();
             self.part(&pairs);
-            for i in 0..self.points_m.len() {
+            for (i, before) in before.iter().enumerate() {
                 if !self.fixed[i] {
-                    let moved = cavity(i, self.points_m[i]) - before[i];
+                    let moved = cavity(i, self.points_m[i]) - before;
                     let limited = moved * (MOVE_LIMIT_M / moved.norm().max(MOVE_LIMIT_M));
-                    self.points_m[i] = before[i] + limited;
+                    self.points_m[i] = before + limited;
                 }
             }
         }

@@ -17,19 +17,19 @@
 
 use super::Draws;
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::f64::consts::PI;
 
 /// Share of the free volume that a path of this lattice fills before it gets stuck.
 const FILL: f64 = 0.62;
 /// The pitch that makes the bends measured, the smallest that still does, and the smallest at all, m: below twice the radius of
 /// an empty bowel loops press each other flat.
-const PITCH_M: f64 = 0.020;
-pub(super) const LEAST_PITCH_M: (f64, f64) = (0.0185, 0.0125);
+const PITCH_M: f64 = 0.0195;
+pub(super) const LEAST_PITCH_M: (f64, f64) = (0.018, 0.0125);
 /// A path is that much longer than the bowel, which cuts its corners.
 const SLACK: f64 = 1.06;
 /// A kink that makes one corner more is that much less likely, as an exponent: gives the share of straight stretches measured.
-const CORNER_EXPONENT: f64 = 0.9;
+const CORNER_EXPONENT: f64 = 1.05;
 /// Grid on which the free volume is counted, m.
 const VOLUME_GRID_M: f64 = 0.008;
 /// Width of the fan at first, and by what it grows each time no kink was found.
@@ -168,7 +168,7 @@ fn grown(
     (start_m, end_m): (Point3<f64>, Point3<f64>),
     draws: &mut Draws,
 ) -> Result<Vec<Key>, String> {
-    let mut taken: BTreeMap<Key, ()> = path.iter().map(|key| (*key, ())).collect();
+    let mut taken: BTreeSet<Key> = path.iter().copied().collect();
     let root = (end_m - start_m) / (end_m - start_m).norm_squared();
     let mut width = FAN_WIDTH;
     let mut failures = 0;
@@ -178,13 +178,14 @@ fn grown(
         let kink = [plus(path[i], step), plus(path[i + 1], step)];
         let place = i as f64 / path.len() as f64;
         let fits = kink.iter().all(|key| {
-            let Some(at) = lattice.nodes.get(key).filter(|_| !taken.contains_key(key)) else { return false };
+            let Some(at) = lattice.nodes.get(key).filter(|_| !taken.contains(key)) else { return false };
             ((at - start_m).dot(&root).clamp(0.0, 1.0) - place).abs() < width
         });
         let fits = fits && draws.between(0.0, 1.0) < corner_odds(&path, i, kink);
         if fits {
-            taken.extend(kink.map(|key| (key, ())));
-            path.splice(i + 1..i + 1, kink);
+            taken.extend(kink);
+            let tail = path.split_off(i + 1);
+            path.extend(kink.into_iter().chain(tail));
             failures = 0;
             continue;
         }

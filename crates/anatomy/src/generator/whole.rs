@@ -32,7 +32,9 @@ use nalgebra::{Point3, Vector3};
 use std::f64::consts::TAU;
 
 /// Attempts before giving up.
-const ATTEMPTS: u32 = 100;
+const ATTEMPTS: u32 = 120;
+/// Small bowels tried in one frame of colon, stomach and duodenum, which cost more to make.
+const BOWELS_PER_FRAME: u32 = 4;
 /// Half extents of the average man's torso, m: breadth and depth measured (GCA-Models EdinGCA_3D_00090), height believed.
 const TORSO_M: [f64; 3] = [0.213, 0.123, 0.42];
 /// Thickness of the abdominal wall, m; believed.
@@ -47,7 +49,7 @@ const LONGEST_M: f64 = 7.0;
 /// reference's ranges (20 to 24 mm, 6.5 to 9 mm, 48 to 62 /m, 80 to 90 mm) less what a spline through the points differs.
 const BENDS: [(f64, f64); 4] = [(0.0202, 0.0238), (0.0067, 0.0088), (48.5, 61.5), (0.0803, 0.0897)];
 /// Bending stiffness, sweeps between two looks at the bends, and looks at most.
-const STIFFNESS: f64 = 0.12;
+const STIFFNESS: f64 = 0.09;
 const SWEEPS: usize = 4;
 const LOOKS: usize = 30;
 /// After so many looks a bowel whose turns are too far from those measured is given up, with the range of length per turn, m.
@@ -168,17 +170,17 @@ pub fn whole_gut(request: &WholeGutRequest, streams: &RandomStreams) -> Result<G
         return Err(AnatomyError::OutOfRange { name, value: length_m, low: 0.0, high: LONGEST_M });
     }
     let mut reason = String::new();
+    let mut frame: Result<Frame, String> = Err(String::new());
     for attempt in 0..ATTEMPTS {
-        match try_once(request, length_m, streams, attempt) {
+        if attempt % BOWELS_PER_FRAME == 0 {
+            frame = Frame::draw(request, streams, attempt)?;
+        }
+        let made = frame.as_ref().map_err(Clone::clone);
+        match made.and_then(|frame| try_once(request, frame, length_m, streams, attempt)) {
             Ok((draft, tract, report)) => {
                 return Ok(Generated { draft, tract, report, attempts: attempt + 1 });
             }
-            Err(failed) => {
-                if std::env::var_os("GUT_DEBUG").is_some() {
-                    eprintln!("FAIL {failed}");
-                }
-                reason = failed
-            }
+            Err(failed) => reason = failed,
         }
     }
     Err(AnatomyError::NoGutFound { attempts: ATTEMPTS, reason })
@@ -194,23 +196,32 @@ struct Frame {
 }
 
 impl Frame {
-    fn draw(request: &WholeGutRequest, streams: &RandomStreams, attempt: u32) -> Result<Self, String> {
+    /// In words, where upper gut or colon would leave the torso.
+    ///
+    /// # Errors
+    /// [`AnatomyError`] where no colon can be made, which another attempt would not change.
+    fn draw(
+        request: &WholeGutRequest,
+        streams: &RandomStreams,
+        attempt: u32,
+    ) -> Result<Result<Self, String>, AnatomyError> {
         let body = request.size.scale();
         let colon_request =
             ColonRequest { total_length_m: None, length_scale: body, radius_scale: request.radius_scale };
         let colon_streams = streams.for_component(&format!("colon {attempt}"));
-        let made = colon(&colon_request, &colon_streams).map_err(|error| error.to_string())?;
+        let made = colon(&colon_request, &colon_streams)?;
         let size = body * (made.tract.length_m() / body / colon::FRAME_TOTAL_M).powf(colon::SIZE_EXPONENT);
         let mut draws = Draws::new(streams, "upper", attempt);
-        let upper = upper(&mut draws, size, body, request.radius_scale).map_err(|error| error.to_string())?;
+        let upper = upper(&mut draws, size, body, request.radius_scale)?;
         let mut frame =
             Self { upper, colon: line_of(&made.draft), size, torso_m: request.size.torso_half_extents_m() };
         frame.make_way();
-        match frame.upper.points_m.iter().chain(&frame.colon.points_m).find(|point| !frame.is_in_torso(point))
-        {
+        let all = frame.upper.points_m.iter().chain(&frame.colon.points_m);
+        let outside = all.copied().find(|point| !frame.is_in_torso(point));
+        Ok(match outside {
             Some(point) => Err(format!("the gut would leave the torso at {point}")),
             None => Ok(frame),
-        }
+        })
     }
 
     /// Stomach and duodenum give way to the colon; the oesophagus and the flexure at the duodenum's end stay.
@@ -279,11 +290,11 @@ fn line_of(draft: &TractDraft) -> Line {
 
 fn try_once(
     request: &WholeGutRequest,
+    frame: &Frame,
     length_m: f64,
     streams: &RandomStreams,
     attempt: u32,
 ) -> Result<(TractDraft, Tract, TractReport), String> {
-    let frame = Frame::draw(request, streams, attempt)?;
     let mut draws = Draws::new(streams, "small bowel", attempt);
     let middle = 0.5 * (RADIUS_M.0.0 + RADIUS_M.0.1) * request.radius_scale;
     let (low, high) = frame.room_m();
@@ -293,7 +304,7 @@ fn try_once(
     let least_m = if request.is_as_measured() { LEAST_PITCH_M.0 } else { LEAST_PITCH_M.1 };
     let path = folded_path(&room, start, end, length_m, least_m, &mut draws)?;
     let bowel = bowel_line(&path, length_m, request.radius_scale, &mut draws);
-    let line = settled(&frame, bowel, length_m, request)?;
+    let line = settled(frame, &bowel, length_m, request)?;
     let draft = TractDraft {
         name: format!("whole gut, {}", request.size.as_str()),
         segments: line.segments(),
@@ -340,10 +351,10 @@ fn bowel_line(path: &[Point3<f64>], length_m: f64, radius_scale: f64, draws: &mu
 }
 
 /// Relaxes the small bowel (and what is above it, but for the mouth) until it bends as measured.
-fn settled(frame: &Frame, bowel: Line, length_m: f64, request: &WholeGutRequest) -> Result<Line, String> {
+fn settled(frame: &Frame, bowel: &Line, length_m: f64, request: &WholeGutRequest) -> Result<Line, String> {
     let (before, count) = (frame.upper.points_m.len(), bowel.points_m.len());
     let mut line = frame.upper.clone();
-    for part in [&bowel, &frame.colon] {
+    for part in [bowel, &frame.colon] {
         line.keys.extend(&part.keys);
         line.points_m.extend(&part.points_m);
         line.radii_m.extend(&part.radii_m);
