@@ -160,6 +160,14 @@ pub enum AnatomyError {
         /// Distance needed, m.
         limit_m: f64,
     },
+    /// The generator found no whole gut that meets its request.
+    #[error("no gut in {attempts} attempts met the request; the last: {reason}")]
+    NoGutFound {
+        /// Attempts made.
+        attempts: u32,
+        /// Why the last one failed.
+        reason: String,
+    },
     /// The generator found no anatomy that meets its request.
     #[error("no colon in {attempts} attempts met the request: {reason}")]
     NoColonFound {

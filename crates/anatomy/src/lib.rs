@@ -20,6 +20,7 @@ pub mod radius;
 pub mod segment;
 pub mod shape;
 mod spline;
+pub mod statistics;
 pub mod tract;
 pub mod tract_file;
 

@@ -5,10 +5,12 @@ mod generated;
 mod real_people;
 mod shapes;
 mod splines;
+mod whole_guts;
 
 use lumenav_anatomy::tract_file::{TractOptions, load};
 use lumenav_anatomy::{Tract, TractReport};
 use lumenav_core::{ConfigError, Node};
+use real_people::data;
 use std::path::{Path, PathBuf};
 
 /// The committed models.

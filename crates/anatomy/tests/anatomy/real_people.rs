@@ -6,7 +6,7 @@ use lumenav_anatomy::{SegmentKey, Tract, TractReport};
 use lumenav_core::{ConfigError, Node};
 use std::path::{Path, PathBuf};
 
-fn data(test: &str) -> Option<PathBuf> {
+pub(crate) fn data(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("LUMENAV_DATA").map(|folder| Path::new(&folder).join("tracts"));
     match &folder {
         Some(_) => println!("REAL-DATA ran {test}"),
