@@ -45,6 +45,7 @@ use bvh::Bvh;
 use error::place;
 use nalgebra::Point3;
 use path::{Pay, search};
+use repair::Closure;
 use sha2::{Digest as _, Sha256};
 use std::path::Path;
 use surface::Surface;
@@ -64,6 +65,10 @@ const USUAL_SIZE_M: f64 = 0.35;
 const VOXELS_PER_RADIUS: f64 = 6.0;
 /// A part of the lumen with less of all its voxels is a bubble.
 const BUBBLE: f64 = 0.02;
+/// Opening rims into a lumen may cost this part of the inside at most: the voxels that the closures cut.
+const KEPT: f64 = 0.95;
+/// With waypoints, a lumen that opens to the outside is followed where walls lie within so many mean radii all round.
+const ENCLOSED_RADII: f64 = 6.0;
 /// A waypoint may lie so far outside the lumen, m.
 const WAYPOINT_M: f64 = 0.01;
 
@@ -179,17 +184,33 @@ impl Importer<'_> {
         self.check_count(triangles)?;
         self.check_size(&surface)?;
         self.tell("repairing", 0.0);
-        let radius_m = self.repair(&mut surface)?;
+        let (radius_m, closures) = self.repair(&mut surface)?;
         self.tell("voxels", 0.0);
-        let tree = Bvh::new(&surface);
         let mut voxels = Voxels::new(&surface, radius_m / VOXELS_PER_RADIUS);
+        let closed = surface.clone();
+        if self.open_inner_rims(&mut surface, &voxels, &closures) {
+            let opened = Voxels::new(&surface, radius_m / VOXELS_PER_RADIUS);
+            // Two closures with lumen between them may both have led outside by way of each other.
+            if opened.inside.len() as f64 >= KEPT * voxels.inside.len() as f64 {
+                voxels = opened;
+            } else {
+                surface = closed;
+                closures.iter().for_each(|closure| self.repairs[closure.repair].kind = RepairKind::Closed);
+            }
+        }
+        let is_guided = !self.options.waypoints_m.is_empty();
+        if is_guided {
+            voxels.enclose(ENCLOSED_RADII * radius_m);
+        }
+        let tree = Bvh::new(&surface);
         let progress = &mut *self.progress;
         voxels.measure(&tree, |done| progress(Progress { stage: "clearance", done }));
         self.tell("way", 0.0);
         let way = self.way(&voxels, radius_m)?;
         let progress = &mut *self.progress;
-        let mut stations =
-            middle::centre_line(&tree, &way, |done| progress(Progress { stage: "centre line", done }));
+        let mut stations = middle::centre_line(&tree, &way, is_guided, |done| {
+            progress(Progress { stage: "centre line", done });
+        });
         self.check_tube(&stations, radius_m)?;
         if self.options.waypoints_m.is_empty() {
             self.turn(&mut stations);
@@ -231,16 +252,18 @@ impl Importer<'_> {
     }
 
     /// Repairs the surface; its mean radius, m.
-    fn repair(&mut self, surface: &mut Surface) -> Result<f64, ImportError> {
+    fn repair(&mut self, surface: &mut Surface) -> Result<(f64, Vec<Closure>), ImportError> {
         let at_m = surface.middle();
         let is_guided = !self.options.waypoints_m.is_empty();
-        self.repairs = repair::repair(surface, is_guided).map_err(|open| ImportError::Open {
+        let repaired = repair::repair(surface, is_guided).map_err(|open| ImportError::Open {
             file: self.file.clone(),
             at_m: open.at_m,
             edges: open.edges,
             diameter_mm: 1e3 * open.diameter_m,
             limit_mm: 1e3 * open.limit_m,
         })?;
+        let (repairs, closures) = repaired;
+        self.repairs = repairs;
         let radius_m = repair::mean_radius_m(surface);
         let (low, high) = surface.bounds();
         let size_m = (high - low).max();
@@ -252,7 +275,30 @@ impl Importer<'_> {
         if radius_m < RADIUS_M.0 || radius_m > RADIUS_M.1 {
             return Err(self.unit_error(size_m, radius_m));
         }
-        Ok(radius_m)
+        Ok((radius_m, closures))
+    }
+
+    /// Takes out closures with lumen on both sides: there a lumen opens into another. Whether there were any.
+    fn open_inner_rims(&mut self, surface: &mut Surface, voxels: &Voxels, closures: &[Closure]) -> bool {
+        let is_lumen = |p: Point3<f64>| voxels.index_of(&p).is_some_and(|index| voxels.is_inside(index));
+        let mut gone = vec![false; surface.triangles.len()];
+        for closure in closures {
+            let has_lumen_on_both_sides = |t: &usize| {
+                // A voxel and a half to both sides is beyond the voxels that the closure itself cuts.
+                let step = surface::unit_or_zero(surface.vector_area(*t)) * (1.5 * voxels.edge_m);
+                is_lumen(surface.centroid(*t) + step) && is_lumen(surface.centroid(*t) - step)
+            };
+            let inner = closure.triangles.clone().filter(has_lumen_on_both_sides).count();
+            if 2 * inner > closure.triangles.len() {
+                gone[closure.triangles.clone()].fill(true);
+                self.repairs[closure.repair].kind = RepairKind::LeftOpen;
+            }
+        }
+        let is_any = gone.contains(&true);
+        if is_any {
+            *surface = surface.part(|t| !gone[t]);
+        }
+        is_any
     }
 
     /// The row of places through the lumen, from end to end.
@@ -307,7 +353,9 @@ impl Importer<'_> {
             let distance_m = nearest.map_or(f64::INFINITY, |(_, distance)| distance);
             match nearest {
                 Some((voxel, distance)) if distance <= WAYPOINT_M => {
-                    Ok(path::to_the_middle(voxels, voxel, radius_m))
+                    // The ends are where the user says, what lies between only tells the way.
+                    let is_end = index == 0 || index + 1 == waypoints.len();
+                    Ok(if is_end { voxel } else { path::to_the_middle(voxels, voxel, radius_m) })
                 }
                 _ => Err(ImportError::Waypoint {
                     file: self.file.clone(),

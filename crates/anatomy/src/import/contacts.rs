@@ -1,6 +1,6 @@
 //! Where a lumen touches itself, where it is fused with itself, and what branches off.
 //!
-//! Every voxel belongs to the station of the line that is nearest within the lumen. Two neighbouring voxels whose stations are more
+//! Every voxel belongs to the station of the line that is nearest within the lumen. Two neighbouring voxels (or next but one, with the wall between) whose stations are more
 //! than 6 cm apart along the line are a contact: with a wall between them two loops *touch*, without one they are *fused*, which makes a
 //! handle (a second way round). Contacts of the same two stretches count as one. A voxel further from its station than three times
 //! that station's radius (and than 30 mm) is a *branch*: an appendix, a piece of another organ.
@@ -99,9 +99,11 @@ fn contacts(voxels: &Voxels, owners: &Owners, arc_m: &[f64]) -> Vec<SelfContact>
     let mut bins: BTreeMap<(bool, i64, i64), Gathered> = BTreeMap::new();
     for here in voxels.inside.iter().map(|i| *i as usize) {
         for step in [[1, 0, 0], [0, 1, 0], [0, 0, 1]] {
-            let Some(next) = voxels.neighbour(here, step).filter(|next| voxels.is_inside(*next)) else {
-                continue;
-            };
+            // Where the wall, or the gap between two walls, holds the middle of a voxel, the one behind it is the other loop.
+            let across = voxels.neighbour(here, step).and_then(|next| {
+                if voxels.is_inside(next) { Some(next) } else { voxels.neighbour(next, step) }
+            });
+            let Some(next) = across.filter(|next| voxels.is_inside(*next)) else { continue };
             let (Some(a), Some(b)) =
                 (owners.station[here].checked_sub(1), owners.station[next].checked_sub(1))
             else {
@@ -111,7 +113,7 @@ fn contacts(voxels: &Voxels, owners: &Owners, arc_m: &[f64]) -> Vec<SelfContact>
             if b - a < APART_M {
                 continue;
             }
-            let is_fused = voxels.open_neighbour(here, step).is_some();
+            let is_fused = voxels.open_neighbour(here, step) == Some(next);
             let gathered = bins.entry((is_fused, (a / BIN_M) as i64, (b / BIN_M) as i64)).or_default();
             gathered.faces += 1;
             gathered.place += voxels.place_m(here).coords;

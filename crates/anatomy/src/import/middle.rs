@@ -1,6 +1,6 @@
 //! From a row of voxels to a smooth centre line with its radii.
 //!
-//! 1. *Ends.* The row begins in a corner of the lumen. It is cut where it first is 1.5 clearances away from its beginning, which in a
+//! 1. *Ends* that were found, not given. The row begins in a corner of the lumen. It is cut where it last is within 1.5 clearances of its beginning, which in a
 //!    tube with a flat end is about one radius before it, in the middle; at the end the line goes on straight to the wall.
 //! 2. *Middle.* At every station rays of 24 directions in the plane across the line measure the wall, and the station moves towards the
 //!    centroid of the section `Σ A_k c_k / Σ A_k` over the triangles between neighbouring rays. Rays longer than 1.5 times the
@@ -46,31 +46,46 @@ pub struct ImportStation {
     pub normal: Vector3<f64>,
 }
 
-/// The centre line of a row of places through the lumen, m.
+/// The centre line of a row of places through the lumen, m. `has_ends`: the row begins and ends where the user says.
 pub(super) fn centre_line(
     tree: &Bvh,
     way: &[Point3<f64>],
+    has_ends: bool,
     mut progress: impl FnMut(f64),
 ) -> Vec<ImportStation> {
-    let way = cut_ends(tree, way);
+    let way = if has_ends { way.to_vec() } else { cut_ends(tree, way) };
     let mut points = smooth(tree, &resample(&way));
     for round in 0..ROUNDS {
         let centred = centre(tree, &points);
-        let smoothed = smooth(tree, &resample(&centred));
+        let mut smoothed = smooth(tree, &resample(&centred));
+        if has_ends {
+            pin(&mut smoothed, &way);
+        }
         points = keep_inside(tree, smoothed, &points);
         progress(round as f64 / ROUNDS as f64);
     }
-    let reach: Vec<(usize, usize)> = extend(tree, &mut points);
-    measure(tree, &points, &reach)
+    let full = if has_ends { (0, points.len().saturating_sub(1)) } else { extend(tree, &mut points) };
+    measure(tree, &points, full)
 }
 
-/// Cuts both ends where the row first is 1.5 clearances away from its beginning.
+/// Leads both ends of a line straight to the places given.
+fn pin(points: &mut Vec<Point3<f64>>, way: &[Point3<f64>]) {
+    for end in [way.first(), way.last()] {
+        points.reverse();
+        // The end that is now last is the first of `way` in the first round.
+        let (Some(end), Some(last)) = (end, points.last().copied()) else { continue };
+        let count = ((end - last).norm() / STATION_M).round() as usize;
+        points.extend((1..=count).map(|i| last + (end - last) * (i as f64 / count as f64)));
+    }
+}
+
+/// Cuts both ends after the last place that is within 1.5 clearances of the row's beginning.
 fn cut_ends(tree: &Bvh, way: &[Point3<f64>]) -> Vec<Point3<f64>> {
-    let is_past =
-        |p: &Point3<f64>, end: &Point3<f64>| (p - end).norm() >= 1.5 * tree.distance_m(p, FURTHEST_WALL_M);
+    let is_near =
+        |p: &Point3<f64>, end: &Point3<f64>| (p - end).norm() < 1.5 * tree.distance_m(p, FURTHEST_WALL_M);
     let (Some(first), Some(last)) = (way.first(), way.last()) else { return Vec::new() };
-    let from = way.iter().position(|p| is_past(p, first)).unwrap_or(0);
-    let to = way.iter().rposition(|p| is_past(p, last)).unwrap_or(way.len() - 1);
+    let from = way.iter().rposition(|p| is_near(p, first)).unwrap_or(0);
+    let to = way.iter().position(|p| is_near(p, last)).unwrap_or(way.len() - 1);
     if from < to { way[from..=to].to_vec() } else { way.to_vec() }
 }
 
@@ -195,8 +210,8 @@ pub(super) fn is_walled(tree: &Bvh, a: &Point3<f64>, b: &Point3<f64>) -> bool {
     length > 0.0 && tree.hit_m(a, &((b - a) / length), length).is_some()
 }
 
-/// Leads both ends straight on to the wall; for each end the stations that were there before and the last of them that measures.
-fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>) -> Vec<(usize, usize)> {
+/// Leads both ends straight on to the wall; the first and the last of the stations that were there before.
+fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>) -> (usize, usize) {
     let mut added = [0; 2];
     for count in &mut added {
         points.reverse();
@@ -211,12 +226,11 @@ fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>) -> Vec<(usize, usize)> {
     }
     // The loop ended in the original direction: first the oral end was led on, then the anal one.
     let from = added[0];
-    vec![(from, points.len() - 1 - added[1])]
+    (from, points.len() - 1 - added[1])
 }
 
-fn measure(tree: &Bvh, points: &[Point3<f64>], reach: &[(usize, usize)]) -> Vec<ImportStation> {
+fn measure(tree: &Bvh, points: &[Point3<f64>], (from, to): (usize, usize)) -> Vec<ImportStation> {
     let tangents = tangents(points, 2);
-    let (from, to) = reach.first().copied().unwrap_or((0, points.len().saturating_sub(1)));
     let mut normal = tangents.first().map_or_else(Vector3::zeros, |t| across(t).0);
     let mut stations: Vec<ImportStation> = Vec::with_capacity(points.len());
     for (point, tangent) in points.iter().zip(&tangents) {

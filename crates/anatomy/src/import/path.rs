@@ -152,7 +152,8 @@ fn priced(voxels: &Voxels, index: usize, step: [i32; 3], pay: Pay) -> Option<(us
     match pay {
         Pay::Length => voxels.open_neighbour(index, step).map(|next| (next, length_m)),
         Pay::Middle { radius_m } | Pay::MiddleThroughWalls { radius_m } => {
-            if let Some(next) = voxels.open_neighbour(index, step).filter(|_| voxels.is_inside(index)) {
+            let open = if voxels.is_inside(index) { voxels.open_neighbour(index, step) } else { None };
+            if let Some(next) = open {
                 return Some((next, 0.5 * length_m * (weight(index, radius_m) + weight(next, radius_m))));
             }
             let next = voxels.neighbour(index, step)?;

@@ -2,21 +2,24 @@
 //!
 //! In order: corners closer than 10 um become one (this also takes needles and triangles without area), triangles that are there
 //! twice go; normals are made to agree; a shell inside another of similar size is a wall drawn double, and the inner face is the
-//! lumen's, a small one is content; rims that face each other are joined by a strip; other rims up to a lumen's width are closed by a
-//! fan; loose specks go. A handle is not cut here: where lumina are fused, [`super::contacts`] says so.
+//! lumen's, a small one is content or a stretch drawn twice; rims that face each other are joined by a strip; other rims up to a lumen's
+//! width are closed by the triangulation of least area (Barequet and Sharir, Comput. Aided Geom. Design 12, 1995), which spans a hole and
+//! zips a slit; loose specks go. A closure with lumen on both sides is taken out again by [`super`]. A handle is not cut here: where lumina are fused, [`super::contacts`] says so.
 
+use super::bvh::Bvh;
 use super::error::place;
 use super::surface::{Rim, Surface, Unions};
 use nalgebra::Point3;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
+use std::ops::Range;
 
 /// Corners closer than this are one, m: half the last digit of a file in millimetres with two decimals is 5 um.
 const WELD_M: f64 = 10e-6;
 /// A component with less of the total area is a speck.
 const SPECK: f64 = 0.01;
 /// A shell inside another with at least this part of its volume is the inner face of a wall drawn double; with less it is content.
-const INNER_FACE: f64 = 0.2;
+const INNER_FACE: f64 = 0.4;
 /// Part of a shell's corners that have to lie inside another: the two may cut each other at their rims.
 const NESTED: f64 = 0.8;
 /// Corners looked at for that.
@@ -26,6 +29,12 @@ const FACING_DISTANCE: f64 = 0.6;
 const FACING_RATIO: f64 = 1.6;
 /// … and their outward directions are opposite within about 60 degrees.
 const FACING_COSINE: f64 = -0.5;
+/// Rims at about the same place and of about the same size are joined whichever way they look: within this part of their width.
+const SAME_RIM: f64 = 0.15;
+/// The triangulation of least area costs the cube of the edges; longer rims are closed by a fan.
+const LEAST_AREA_EDGES: usize = 300;
+/// A shell's corner this part of its mean radius from another shell counts as within it.
+const ALONG: f64 = 0.1;
 /// A rim up to so many mean radii wide is closed unasked: a cross section is 2 wide, an oblique one of a haustrated colon 4.
 const CLOSED_RADII: f64 = 5.0;
 
@@ -50,6 +59,8 @@ pub enum RepairKind {
     Joined,
     /// A rim was closed.
     Closed,
+    /// A rim stays open: on both its sides is lumen.
+    LeftOpen,
     /// A rim wider than a lumen was closed because waypoints were given.
     ClosedWide,
     /// A loose speck went.
@@ -83,9 +94,14 @@ impl fmt::Display for Repair {
             RepairKind::OuterWall => {
                 format!("outer face of a double wall removed ({n} triangles, {mm:.1} mm)")
             }
-            RepairKind::Content => format!("shell within the lumen removed ({n} triangles, {mm:.1} mm)"),
+            RepairKind::Content => {
+                format!("shell within or along the lumen removed ({n} triangles, {mm:.1} mm)")
+            }
             RepairKind::Joined => format!("two rims facing each other joined over {mm:.2} mm ({n} edges)"),
             RepairKind::Closed => format!("rim of {n} edges, {mm:.1} mm wide, closed"),
+            RepairKind::LeftOpen => {
+                format!("rim of {n} edges, {mm:.1} mm wide, left open into the lumen around it")
+            }
             RepairKind::ClosedWide => format!("wide rim of {n} edges, {mm:.1} mm, closed by a flat fan"),
             RepairKind::Speck => format!("loose speck removed ({n} triangles, {mm:.1} mm)"),
             RepairKind::Passage => format!("the line was led {mm:.1} mm outside the lumen, through walls"),
@@ -103,16 +119,25 @@ pub(super) struct OpenRim {
 }
 
 /// Repairs a surface; `is_guided` closes rims of any width. The rim that stays open is the error.
-pub(super) fn repair(surface: &mut Surface, is_guided: bool) -> Result<Vec<Repair>, OpenRim> {
+pub(super) fn repair(surface: &mut Surface, is_guided: bool) -> Result<(Vec<Repair>, Vec<Closure>), OpenRim> {
     let mut repairs = weld(surface);
     repairs.extend(orient(surface));
     repairs.extend(unnest(surface));
     repairs.extend(join_rims(surface));
     repairs.extend(drop_specks(surface));
-    repairs.extend(close_rims(surface, is_guided)?);
-    // Strips and fans may not agree with their neighbours where a rim was twisted; nothing but the volume looks at it.
+    let (closed, mut closures) = close_rims(surface, is_guided)?;
+    closures.iter_mut().for_each(|closure| closure.repair += repairs.len());
+    repairs.extend(closed);
+    // Strips and closures may not agree with their neighbours where a rim was twisted; nothing but the volume looks at it.
     surface.orient();
-    Ok(repairs)
+    Ok((repairs, closures))
+}
+
+/// The triangles that close a rim.
+pub(super) struct Closure {
+    pub(super) triangles: Range<usize>,
+    /// Which repair it is.
+    pub(super) repair: usize,
 }
 
 /// Mean radius of the lumen as a long tube's, 2 V / A, rims spanned, m.
@@ -235,6 +260,7 @@ fn orient(surface: &mut Surface) -> Vec<Repair> {
 struct Shell {
     closed: Surface,
     volume_m3: f64,
+    tree: Bvh,
     samples: Vec<Point3<f64>>,
     triangles: usize,
 }
@@ -247,14 +273,9 @@ fn shells(surface: &Surface) -> (Vec<Shell>, Vec<u32>) {
         let samples = (0..part.triangles.len()).step_by(step).map(|t| part.centroid(t)).collect();
         let closed = part.spanned();
         let volume_m3 = closed.volume_m3();
-        Shell { closed, volume_m3, samples, triangles: part.triangles.len() }
+        Shell { tree: Bvh::new(&closed), closed, volume_m3, samples, triangles: part.triangles.len() }
     };
     ((0..count).map(shell).collect(), labels)
-}
-
-fn remove_shell(surface: &mut Surface, labels: &mut Vec<u32>, label: usize) {
-    *surface = surface.part(|t| labels[t] as usize != label);
-    labels.retain(|l| *l as usize != label);
 }
 
 fn repair_of(kind: RepairKind, shell: &Shell) -> Repair {
@@ -272,23 +293,26 @@ fn unnest(surface: &mut Surface) -> Vec<Repair> {
     if !(2..=MAX_SHELLS).contains(&count) {
         return Vec::new();
     }
-    let (shells, mut labels) = shells(surface);
+    let (shells, labels) = shells(surface);
     let mut repairs = Vec::new();
     let mut is_gone = vec![false; shells.len()];
-    for outer in 0..shells.len() {
-        for inner in 0..shells.len() {
-            if outer == inner || is_gone[outer] || is_gone[inner] || !contains(&shells[outer], &shells[inner])
-            {
+    // Content first, while the outer faces are there to tell it.
+    for kind in [RepairKind::Content, RepairKind::OuterWall] {
+        for (outer, inner) in
+            (0..shells.len()).flat_map(|outer| (0..shells.len()).map(move |inner| (outer, inner)))
+        {
+            let is_face = shells[inner].volume_m3 >= INNER_FACE * shells[outer].volume_m3;
+            let is_asked = is_face == (kind == RepairKind::OuterWall);
+            let is_there = outer != inner && !is_gone[outer] && !is_gone[inner];
+            if !(is_asked && is_there && contains(&shells[outer], &shells[inner])) {
                 continue;
             }
-            let is_face = shells[inner].volume_m3 >= INNER_FACE * shells[outer].volume_m3;
-            let (gone, kind) =
-                if is_face { (outer, RepairKind::OuterWall) } else { (inner, RepairKind::Content) };
+            let gone = if is_face { outer } else { inner };
             is_gone[gone] = true;
-            remove_shell(surface, &mut labels, gone);
             repairs.push(repair_of(kind, &shells[gone]));
         }
     }
+    *surface = surface.part(|t| !is_gone[labels[t] as usize]);
     repairs
 }
 
@@ -296,13 +320,17 @@ fn contains(outer: &Shell, inner: &Shell) -> bool {
     if inner.volume_m3 >= outer.volume_m3 {
         return false;
     }
+    let along_m = ALONG * 2.0 * inner.volume_m3 / inner.closed.area_m2();
     let (low, high) = outer.closed.bounds();
-    let is_in_box = |p: &Point3<f64>| (0..3).all(|i| p[i] >= low[i] && p[i] <= high[i]);
+    let is_in_box = |p: &Point3<f64>| (0..3).all(|i| p[i] >= low[i] - along_m && p[i] <= high[i] + along_m);
     let needed = (NESTED * inner.samples.len() as f64).ceil() as usize;
     if inner.samples.iter().filter(|p| is_in_box(p)).count() < needed {
         return false;
     }
-    inner.samples.iter().filter(|p| winding_number(&outer.closed, p).abs() > 0.5).count() >= needed
+    let is_within = |p: &&Point3<f64>| {
+        outer.tree.distance_m(p, along_m) < along_m || winding_number(&outer.closed, p).abs() > 0.5
+    };
+    inner.samples.iter().filter(is_within).count() >= needed
 }
 
 /// Solid angle of a surface as seen from a place, in whole spheres (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30, 1983).
@@ -320,7 +348,8 @@ pub(super) fn winding_number(surface: &Surface, place: &Point3<f64>) -> f64 {
 fn misfit(a: &Rim, b: &Rim) -> Option<f64> {
     let distance = (a.centre - b.centre).norm();
     let (small, large) = (a.diameter_m.min(b.diameter_m), a.diameter_m.max(b.diameter_m));
-    let is_facing = a.outward.dot(&b.outward) < FACING_COSINE;
+    let is_same = distance < SAME_RIM * small && large < (1.0 + SAME_RIM) * small;
+    let is_facing = is_same || a.outward.dot(&b.outward) < FACING_COSINE;
     let fits = distance < FACING_DISTANCE * small && large < FACING_RATIO * small;
     (is_facing && fits).then_some(distance + (large - small))
 }
@@ -378,20 +407,51 @@ fn zip(surface: &mut Surface, a: &Rim, b: &Rim) {
     }
 }
 
-fn close_rims(surface: &mut Surface, is_guided: bool) -> Result<Vec<Repair>, OpenRim> {
+fn close_rims(surface: &mut Surface, is_guided: bool) -> Result<(Vec<Repair>, Vec<Closure>), OpenRim> {
     let limit_m = CLOSED_RADII * mean_radius_m(surface);
-    let mut repairs = Vec::new();
+    let (mut repairs, mut closures) = (Vec::new(), Vec::new());
     for rim in surface.rims() {
         let is_wide = rim.diameter_m > limit_m;
         let (at_m, edges, diameter_m) = (rim.centre, rim.vertices.len(), rim.diameter_m);
         if is_wide && !is_guided {
             return Err(OpenRim { at_m, edges, diameter_m, limit_m });
         }
-        surface.span(&rim);
+        let before = surface.triangles.len();
+        if edges <= LEAST_AREA_EDGES {
+            close_by_least_area(surface, &rim);
+        } else {
+            surface.span(&rim);
+        }
+        closures.push(Closure { triangles: before..surface.triangles.len(), repair: repairs.len() });
         let kind = if is_wide { RepairKind::ClosedWide } else { RepairKind::Closed };
         repairs.push(Repair { kind, at_m, size_m: diameter_m, count: edges });
     }
-    Ok(repairs)
+    Ok((repairs, closures))
+}
+
+/// Least area `W` of the polygon from corner `i` to `j`: `W_ij = min over k of W_ik + W_kj + area(i, k, j)`.
+fn close_by_least_area(surface: &mut Surface, rim: &Rim) {
+    let n = rim.vertices.len();
+    let at = |i: usize| surface.vertices[rim.vertices[i] as usize];
+    let (mut least, mut through) = (vec![0.0; n * n], vec![0; n * n]);
+    for span in 2..n {
+        for i in 0..n - span {
+            let j = i + span;
+            let area = |k: usize| {
+                least[i * n + k] + least[k * n + j] + (at(k) - at(i)).cross(&(at(j) - at(i))).norm()
+            };
+            let best = (i + 1..j).min_by(|a, b| area(*a).total_cmp(&area(*b))).unwrap_or(i + 1);
+            (least[i * n + j], through[i * n + j]) = (area(best), best);
+        }
+    }
+    let mut waiting = vec![(0, n - 1)];
+    while let Some((i, j)) = waiting.pop() {
+        if j >= i + 2 {
+            let k = through[i * n + j];
+            surface.triangles.push([j, k, i].map(|c| rim.vertices[c]));
+            waiting.extend([(i, k), (k, j)]);
+        }
+    }
 }
 
 fn drop_specks(surface: &mut Surface) -> Vec<Repair> {

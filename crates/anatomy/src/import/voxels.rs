@@ -1,9 +1,9 @@
 //! The inside of a closed surface as a graph of voxels that no step of can cross the wall.
 //!
-//! Every line of voxel middles along x, y and z is cut with the surface. A middle is inside where the number of crossings before it
-//! is odd on at least two of its three lines; a step between neighbours is open where both are inside and no crossing lies
-//! between them. So two loops that touch with less than a voxel of wall between them stay apart, which a plain voxel mask would
-//! fuse. A diagonal step is open where some row of axis steps is.
+//! Every line of voxel middles along x, y and z is cut with the surface. A step between neighbours is walled where a crossing lies
+//! between them, open where none does. Outside is what open steps reach from the grid's corner, inside is the rest: also a space between two
+//! faces of a wall. So two loops that touch with less than a voxel of wall between them stay apart, which a plain voxel mask would
+//! fuse, and normals do not matter. A diagonal step is open where some row of axis steps is.
 //!
 //! Lines that run exactly through an edge are decided the same way for both its triangles: the edge function is evaluated with its
 //! corners in the order of their indices. The grid is shifted by an irrational part of a voxel so that this stays rare.
@@ -21,9 +21,7 @@ pub(super) const MAX_VOXELS: f64 = 40e6;
 /// Parts of a voxel by which the grid is shifted.
 const SHIFT: [f64; 3] = [0.414_213_562, 0.303_300_859, 0.271_443_309];
 
-const INSIDE: u8 = 1 << 6;
-/// While lines are counted: the parity that the next voxel gets.
-const CARRY: u8 = 1 << 7;
+const OUTSIDE: u8 = 1 << 3;
 
 /// The 26 steps to a neighbour; the opposite of step `i` is step `25 - i`.
 pub(super) const STEPS: [[i32; 3]; 26] = steps();
@@ -47,7 +45,7 @@ pub(super) struct Voxels {
     pub(super) edge_m: f64,
     /// Middle of voxel (0, 0, 0), m.
     pub(super) first_m: Point3<f64>,
-    /// Bits 0 to 2: wall before the next voxel along x, y, z; 3 to 5: parity along x, y, z; 6: inside.
+    /// Bits 0 to 2: wall before the next voxel along x, y, z; 3: outside.
     flags: Vec<u8>,
     /// Clearance of inside voxels, m.
     clearance_m: Vec<f32>,
@@ -76,13 +74,39 @@ impl Voxels {
         for axis in 0..3 {
             voxels.cut(surface, axis);
         }
-        for index in 0..count {
-            if (voxels.flags[index] >> 3 & 7).count_ones() >= 2 {
-                voxels.flags[index] |= INSIDE;
-                voxels.inside.push(index as u32);
+        voxels.flood();
+        voxels.inside = (0..count as u32).filter(|index| voxels.is_inside(*index as usize)).collect();
+        voxels
+    }
+
+    /// Marks what open steps reach from the corner.
+    fn flood(&mut self) {
+        let strides = self.strides();
+        let last = self.size.map(|n| n as u32 - 1);
+        self.flags[0] |= OUTSIDE;
+        let mut waiting = vec![([0_u32; 3], 0_usize)];
+        while let Some((at, index)) = waiting.pop() {
+            for axis in 0..3 {
+                if at[axis] < last[axis] && self.flags[index] & (1 << axis) == 0 {
+                    let next = index + strides[axis];
+                    if self.flags[next] & OUTSIDE == 0 {
+                        self.flags[next] |= OUTSIDE;
+                        let mut place = at;
+                        place[axis] += 1;
+                        waiting.push((place, next));
+                    }
+                }
+                if at[axis] > 0 {
+                    let next = index - strides[axis];
+                    if self.flags[next] & (OUTSIDE | 1 << axis) == 0 {
+                        self.flags[next] |= OUTSIDE;
+                        let mut place = at;
+                        place[axis] -= 1;
+                        waiting.push((place, next));
+                    }
+                }
             }
         }
-        voxels
     }
 
     fn strides(&self) -> [usize; 3] {
@@ -116,26 +140,48 @@ impl Voxels {
                     // The crossing lies after voxel `before` and not after the next.
                     let before = at.floor().clamp(0.0, (self.size[axis] - 1) as f64) as usize;
                     let line = i * strides[u] + j * strides[v];
-                    self.flags[line + before * strides[axis]] ^= 8 << axis;
                     self.flags[line + before * strides[axis]] |= 1 << axis;
                 }
             }
         }
-        self.count_along(axis);
     }
 
-    /// Turns the parity of crossings after each voxel into the parity before it.
-    fn count_along(&mut self, axis: usize) {
-        let stride = self.strides()[axis];
-        let bit = 8_u8 << axis;
-        for index in 0..self.flags.len() {
-            let place = index / stride % self.size[axis];
-            let is_inside = place > 0 && self.flags[index - stride] & CARRY != 0;
-            let flips = self.flags[index] & bit != 0;
-            let after = is_inside != flips;
-            self.flags[index] &= !(bit | CARRY);
-            self.flags[index] |= if is_inside { bit } else { 0 } | if after { CARRY } else { 0 };
+    /// Counts as inside also what outside is walled in: a wall within `reach_m` in at least five of the six axis directions. So the lumen of
+    /// a pipe with open mouths belongs to the graph, and where loops lie close the crevices between them, which no step joins to a
+    /// lumen but at a mouth.
+    pub(super) fn enclose(&mut self, reach_m: f64) {
+        let reach = (reach_m / self.edge_m) as u16;
+        let mut seen = vec![0_u8; self.flags.len()];
+        for (axis, stride) in self.strides().into_iter().enumerate() {
+            let mut since = vec![u16::MAX; self.flags.len()];
+            for index in stride..self.flags.len() {
+                let before = index - stride;
+                let is_wall = self.flags[before] & (1 << axis) != 0;
+                since[index] = if is_wall { 0 } else { since[before].saturating_add(1) };
+                seen[index] += u8::from(since[index] <= reach);
+            }
+            since.fill(u16::MAX);
+            for index in (0..self.flags.len() - stride).rev() {
+                let is_wall = self.flags[index] & (1 << axis) != 0;
+                since[index] = if is_wall { 0 } else { since[index + stride].saturating_add(1) };
+                seen[index] += u8::from(since[index] <= reach);
+            }
         }
+        let [nx, ny, nz] = self.size;
+        for (index, seen) in seen.iter().enumerate() {
+            // The border stays outside: `next` relies on it.
+            let at = [index % nx, index / nx % ny, index / (nx * ny)];
+            let is_border = at[0] == 0
+                || at[1] == 0
+                || at[2] == 0
+                || at[0] + 1 == nx
+                || at[1] + 1 == ny
+                || at[2] + 1 == nz;
+            if *seen >= 5 && !is_border {
+                self.flags[index] &= !OUTSIDE;
+            }
+        }
+        self.inside = (0..self.flags.len() as u32).filter(|index| self.is_inside(*index as usize)).collect();
     }
 
     /// Index of the voxel that holds a place, where it is in the grid.
@@ -160,7 +206,7 @@ impl Voxels {
     }
 
     pub(super) fn is_inside(&self, index: usize) -> bool {
-        self.flags[index] & INSIDE != 0
+        self.flags[index] & OUTSIDE == 0
     }
 
     /// Distance to the wall, m.
@@ -204,24 +250,28 @@ impl Voxels {
         self.flags[before] & (1 << axis) != 0
     }
 
-    /// The inside voxel one open step on.
-    pub(super) fn open_neighbour(&self, index: usize, step: [i32; 3]) -> Option<usize> {
-        let next = self.neighbour(index, step).filter(|next| self.is_inside(*next))?;
-        self.is_open(index, step).then_some(next)
+    /// One step on from an inside voxel: the grid's border is outside, so there is a neighbour.
+    fn next(&self, index: usize, step: [i32; 3]) -> usize {
+        let [sx, sy, sz] = self.strides().map(|s| s as i64);
+        let [dx, dy, dz] = step.map(i64::from);
+        (index as i64 + dx * sx + dy * sy + dz * sz) as usize
     }
 
-    /// Whether some row of axis steps leads through the lumen.
+    /// The inside voxel one open step on from an inside voxel.
+    pub(super) fn open_neighbour(&self, index: usize, step: [i32; 3]) -> Option<usize> {
+        let next = self.next(index, step);
+        (self.is_inside(next) && self.is_open(index, step)).then_some(next)
+    }
+
+    /// Whether some row of axis steps leads through the lumen, from an inside voxel.
     fn is_open(&self, index: usize, step: [i32; 3]) -> bool {
-        if step == [0; 3] {
-            return true;
-        }
         (0..3).filter(|axis| step[*axis] != 0).any(|axis| {
             let (mut one, mut rest) = ([0; 3], step);
             (one[axis], rest[axis]) = (step[axis], 0);
+            let next = self.next(index, one);
             !self.is_walled(index, axis, step[axis])
-                && self
-                    .neighbour(index, one)
-                    .is_some_and(|next| self.is_inside(next) && self.is_open(next, rest))
+                && self.is_inside(next)
+                && (rest == [0; 3] || self.is_open(next, rest))
         })
     }
 }
