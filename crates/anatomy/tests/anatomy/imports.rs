@@ -514,7 +514,7 @@ fn data(test: &str) -> Option<PathBuf> {
 
 /// Length along the imported line over the published length, and mean distance in mm, of one segment.
 fn compared(line: &CentreLine, points: &[Point3<f64>]) -> (f64, f64) {
-    let feet: Vec<_> = points.iter().map(|p| line.nearest(p, 1)[0].clone()).collect();
+    let feet: Vec<_> = points.iter().map(|p| line.nearest(p, 1)[0]).collect();
     let published_m: f64 = points.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
     let along_m = (feet[feet.len() - 1].arc_length_m - feet[0].arc_length_m).abs();
     (along_m / published_m, 1e3 * feet.iter().map(|foot| foot.distance_m).sum::<f64>() / feet.len() as f64)
