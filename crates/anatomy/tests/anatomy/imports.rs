@@ -273,7 +273,7 @@ fn cross_all_formats_and_units_give_the_same_line() {
 
 #[test]
 fn law_loops_with_a_wall_thinner_than_a_voxel_between_them_stay_apart() {
-    let (radius, gap) = (0.008, 0.0004);
+    let (radius, gap) = (0.008, 0.00005);
     let curve = hairpin(radius, gap);
     let tract = imported(&tube(241, radius, &curve));
     let length_m = 0.24 + PI * (radius + 0.5 * gap);
