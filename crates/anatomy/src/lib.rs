@@ -9,6 +9,7 @@ pub mod bends;
 pub mod centre_line;
 pub mod error;
 pub mod generator;
+pub mod import;
 pub mod lumen;
 pub mod mesh;
 pub mod motility;

@@ -48,8 +48,16 @@ pub enum Axes {
 }
 
 impl Axes {
-    /// The point in the torso frame.
-    fn torso_from_file(self, point: Point3<f64>) -> Point3<f64> {
+    /// The name as files spell it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ras => "ras",
+            Self::Lps => "lps",
+        }
+    }
+
+    /// The point in the torso frame; its own inverse.
+    pub(crate) fn torso_from_file(self, point: Point3<f64>) -> Point3<f64> {
         match self {
             Self::Ras => point,
             Self::Lps => Point3::new(-point.x, -point.y, point.z),

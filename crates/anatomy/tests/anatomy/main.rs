@@ -2,6 +2,7 @@
 
 mod bad_files;
 mod generated;
+mod imports;
 mod real_people;
 mod shapes;
 mod splines;
