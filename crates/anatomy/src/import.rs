@@ -1,11 +1,10 @@
-//! Import of a person's own gut: a surface (STL, OBJ, PLY) or a label volume (NIfTI, MetaImage) becomes a tract.
+//! Import of a person's own gut: a surface (STL, OBJ, PLY) becomes a tract. Label volumes are not read yet: give their surface.
 //!
 //! | room | what it does |
 //! |---|---|
 //! | [`read`] | triangles from files |
 //! | [`surface`] | edges, rims, orientation, volume |
 //! | [`repair`] | what is wrong with a surface and what was done about it |
-//! | `label_volume` | the surface around a label |
 //! | `bvh`, `voxels` | nearest wall, rays, the inside as a graph that no step of can cross the wall |
 //! | `path`, [`middle`] | ends, the way between them, centre line and radius |
 //! | [`contacts`] | where loops touch or are fused |
@@ -16,7 +15,8 @@
 //! `2 V / A`. A [`Tract`] holds one radius per place, so the angle-dependent radius stays in [`ImportStation::rays_m`] and the tract has
 //! its median, which a warning says.
 //!
-//! Neglected: lumina narrower than a voxel (0.2 to 3 mm) are closed; an end is led on straight to the wall.
+//! Neglected: of walls that have a thickness and are open at both ends (pipes) the line may run within the wall, which the radius
+//! tells; lumina narrower than a voxel (0.2 to 3 mm) are closed; an end is led on straight to the wall.
 //!
 //! [`Tract`]: crate::tract::Tract
 
@@ -55,7 +55,7 @@ use voxels::Voxels;
 const TRIANGLES: (usize, usize) = (100, 5_000_000);
 /// The largest side of a gut's box, m: a piece of 5 cm to a tall person's whole tract.
 const SIZE_M: (f64, f64) = (0.05, 1.2);
-/// Mean radius of a lumen, m (`gut.md` B: medians of 5 to 23 mm; an inflated stomach 60 mm).
+/// Mean radius of a lumen, m (medians of 5 to 23 mm in five people; an inflated stomach 60 mm).
 const RADIUS_M: (f64, f64) = (0.002, 0.08);
 /// Factors that a file's unit may have, m: micrometre, millimetre, centimetre, inch, decimetre, metre and their likely inversions.
 const FACTORS: [f64; 9] = [1e-6, 1e-3, 1e-2, 0.0254, 0.1, 1.0, 10.0, 100.0, 1000.0];

@@ -1,4 +1,4 @@
-//! What can be wrong with a person's surface or label volume.
+//! What can be wrong with a person's surface.
 
 use crate::error::AnatomyError;
 use crate::segment::SegmentKey;
@@ -17,7 +17,7 @@ pub enum ImportError {
     },
     /// A name whose ending tells no format.
     #[error(
-        "{file}: no surface or label volume; allowed: .stl, .obj, .ply, .nii, .nii.gz, .mhd, .mha (its ending tells the format)"
+        "{file}: no surface; allowed: .stl, .obj, .ply (its ending tells the format); of a label volume (.nii, .mha) make a surface first"
     )]
     UnknownFormat {
         /// The file.

@@ -20,7 +20,7 @@ use std::f64::consts::TAU;
 pub const DIRECTIONS: usize = 24;
 /// Distance of stations, m.
 pub const STATION_M: f64 = 0.002;
-/// Least width of the smoothing's weights, m: surfaces from CT are noisy below about 5 mm (`gut.md`).
+/// Least width of the smoothing's weights, m: surfaces from CT are noisy below about 5 mm.
 const SMOOTHING_M: f64 = 0.005;
 /// Their width in clearances: a wiggle shorter than the lumen is wide is no bend of it. Between 1 and 1.5 the length of a measured
 /// small bowel changes by 1.5 %, its distance from the centre line given by 0.05 mm.

@@ -1,7 +1,7 @@
 //! Which segments a line has, and where each begins.
 //!
 //! A surface does not tell. Either the user names the places where segments begin ([`SegmentStart`]), each moved to the nearest
-//! station; or an organ is divided by proportions measured in two people (`gut.md` B: Edin 00090 and Visible Human male, centre lines
+//! station; or an organ is divided by proportions measured in two people (Edin 00090 and Visible Human male, centre lines
 //! of the GCA-Models, CC BY 4.0), which is said in a warning. The mean of their fractions of the whole:
 //!
 //! | small bowel | Edin, m | VHM, m | fraction | | colon | Edin, m | VHM, m | fraction |
