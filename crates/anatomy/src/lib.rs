@@ -1,9 +1,10 @@
 //! Anatomy: where the gut runs, how wide it is, what its wall does.
 //!
 //! A [`Tract`] is a chain of segments from mouth to anus along one [`CentreLine`], with a [`RadiusProfile`]. Tracts come
-//! from files ([`tract_file`]): point lists, centre-line CSVs, analytic shapes; and from a seeded generator
-//! ([`generator`]) whose lengths, radii and bends match those measured in people. Everything is in the *torso* frame:
-//! right-handed, RAS+ (x right, y anterior, z superior), metres, arc lengths from the oral end.
+//! from files ([`tract_file`]): point lists, centre-line CSVs, analytic shapes; and from seeded generators
+//! ([`generator`]: a colon, a whole gut) whose lengths, radii and bends match those measured in people
+//! ([`statistics`]). Everything is in the *torso* frame: right-handed, RAS+ (x right, y anterior, z superior), metres, arc
+//! lengths from the oral end.
 
 pub mod bends;
 pub mod centre_line;

@@ -160,11 +160,7 @@ fn law_bad_requests_are_refused_in_words() {
         (4.0, 1.0, "length_scale has to be from 0 to 7"),
     ] {
         let message = refusal(size, length_scale, radius_scale);
-        assert!(
-            message.contains(word.split(' ').next().unwrap()) && message.contains("has to be"),
-            "{message}"
-        );
-        assert!(message.contains(word) || word.ends_with("0 to 7") && message.contains("to 7,"), "{message}");
+        assert!(message.contains(word), "{message}");
     }
     // Wide lumina in a frame of this size: every colon overlaps itself.
     let message = refusal(BodySize::SmallWoman, 1.0, 2.0);
