@@ -6,7 +6,7 @@
 //!
 //! The *boundary modulo 2* are the edges with an odd number of triangles. A surface without any is closed in the sense that a
 //! ray to infinity crosses it an even number of times from outside and an odd number from inside, whatever its normals and
-//! however many sheets meet in an edge: this is all that the voxels of [`super::voxels`] need.
+//! however many sheets meet in an edge: this is all that the voxels of `voxels` need.
 
 use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeSet, VecDeque};
