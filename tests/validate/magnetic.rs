@@ -351,7 +351,8 @@ fn peer(sheet: &mut Sheet) {
         let found = bench("solve")?;
         let of = |name: &str| {
             let found = found.iter().find(|b| b.name.starts_with(name));
-            found.map(|b| 1e6 * b.median_s).ok_or_else(|| format!("no bench `{name}`"))
+            let rate = found.and_then(|b| b.items_per_s).ok_or_else(|| format!("no bench `{name}`"))?;
+            Ok::<_, String>(1e6 / rate)
         };
         let (dipole, cylinder) = (of("warm_dipole")?, of("warm_cylinder")?);
         let script = root().join("tests/cross/magnetic_bench.py");

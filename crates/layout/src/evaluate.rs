@@ -36,6 +36,7 @@ pub fn evaluate(
     let parameters = model.parameters();
     let prior = model.prior();
     let poses = workspace.len();
+    let least_m = model.least_distance_m();
     let one = |job: usize| -> Option<(Vec<Option<PoseBound>>, usize)> {
         if stopped() {
             return None;
@@ -47,7 +48,12 @@ pub fn evaluate(
             let pose = workspace.pose(pose);
             worker.together(elements, &pose, &mut information);
             add(&mut information, &prior);
-            without_reading += elements.iter().filter(|e| model.blocked(e, &pose).is_some()).count();
+            let may_be_blocked = |e: &&LayoutElement| {
+                let way = e.world_from_element.translation.vector - pose.translation.vector;
+                least_m <= 0.0 || way.norm_squared() < least_m * least_m
+            };
+            let near = elements.iter().filter(may_be_blocked);
+            without_reading += near.filter(|e| model.blocked(e, &pose).is_some()).count();
             let bound = Inverse::of(&information, parameters).map(|inverse| inverse.bound(parameters));
             bound.filter(|bound| says_something(bound, elements, &pose))
         };
@@ -68,8 +74,8 @@ pub fn evaluate(
 /// is.
 fn says_something(bound: &PoseBound, elements: &[LayoutElement], pose: &Isometry3<f64>) -> bool {
     let place = pose.translation.vector;
-    let way = |e: &LayoutElement| (e.world_from_element.translation.vector - place).norm();
-    bound.position_m() < elements.iter().map(way).fold(0.0, f64::max)
+    let error = bound.position_m();
+    elements.iter().any(|e| (e.world_from_element.translation.vector - place).norm() > error)
 }
 
 /// Adds one packed matrix to another.
