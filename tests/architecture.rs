@@ -19,7 +19,10 @@ const ALLOWED: [(&str, &[&str]); 18] = [
     ("pipeline", &["core", "scenario", "fusion", "control", "evaluation"]),
     ("figures", &[]),
     ("layout", &["core"]),
-    ("reproduce", &["core", "fields", "anatomy", "magnetic", "pet", "fusion", "evaluation", "figures"]),
+    (
+        "reproduce",
+        &["core", "fields", "anatomy", "scenario", "magnetic", "pet", "fusion", "evaluation", "figures"],
+    ),
     ("recording", &["core", "pipeline"]),
     ("report", &["core", "pipeline", "evaluation"]),
     (

@@ -1,7 +1,7 @@
 //! Full-size acceptance: every line an issue promises, measured, written to `docs/validation/<issue>.json`.
 //!
 //! ```sh
-//! cargo build --release && cargo run --release --example validate -- foundation|pet|magnetic [WORDS…]
+//! cargo build --release && cargo run --release --example validate -- foundation|pet|magnetic|gut [WORDS…]
 //! ```
 //!
 //! Words after the issue choose the rows whose name holds one of them; the others keep what the file says of them. A row that
@@ -9,6 +9,7 @@
 
 mod figures;
 mod foundation;
+mod gut;
 mod magnetic;
 mod pet;
 mod row;
@@ -28,7 +29,8 @@ fn main() {
         "foundation" => foundation::rows(&mut sheet),
         "pet" => pet::rows(&mut sheet),
         "magnetic" => magnetic::rows(&mut sheet),
-        other => return refuse(&format!("no issue `{other}`; allowed: foundation, pet, magnetic")),
+        "gut" => gut::rows(&mut sheet),
+        other => return refuse(&format!("no issue `{other}`; allowed: foundation, pet, magnetic, gut")),
     }
     match sheet.close() {
         Ok(0) => {}

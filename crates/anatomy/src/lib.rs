@@ -18,6 +18,7 @@ pub mod motility_config;
 mod motility_limits;
 pub mod motility_sources;
 pub mod phantom;
+pub mod pylorus;
 pub mod radius;
 pub mod segment;
 pub mod shape;

@@ -27,6 +27,8 @@ use std::sync::Arc;
 const MOST_CLOSED: f64 = 0.98;
 /// Waves further away than this many widths are not counted.
 const REACH_WIDTHS: f64 = 7.0;
+/// A wave further away than this many widths moves nothing: it takes less than 4e-6 of the radius, some 30 nm.
+const STILL_WIDTHS: f64 = 5.0;
 /// Length over which flattened haustra stand up again, m.
 const FLATTENING_EDGE_M: f64 = 0.05;
 /// How far the focus may move, m, and how long it may stay, s, before near waves are looked up again.
@@ -124,7 +126,9 @@ impl Lumen {
 
     /// Radius at arc length `s_m`, angle `angle_rad` and `time_s`, of all waves running at the time advanced to.
     pub fn radius(&self, s_m: f64, angle_rad: f64, time_s: f64) -> RadiusSample {
-        self.sample(s_m, angle_rad, self.motility.active().iter().map(|wave| wave.at(time_s)))
+        let gate = self.motility.gate().map(|gate| gate.at(time_s));
+        let waves = self.motility.active().iter().map(|wave| wave.at(time_s));
+        self.sample(s_m, angle_rad, waves.chain(gate))
     }
 
     /// The resting radius with folds at angle 0, m.
@@ -167,12 +171,45 @@ impl Lumen {
                 focus.instants.push(instant);
             }
         }
+        if let Some(gate) = self.motility.gate()
+            && (gate.place_m() - s_m).abs() <= half_width_m + REACH_WIDTHS * gate.width_m()
+        {
+            focus.instants.push(gate.at(time_s));
+        }
     }
 
     /// Radius near the place and at the time of the last [`Lumen::focus_on`]: the same number as [`Lumen::radius`].
     #[inline]
     pub fn radius_near(&self, s_m: f64, angle_rad: f64) -> RadiusSample {
         self.sample(s_m, angle_rad, self.focus.instants.iter().copied())
+    }
+
+    /// Until when no wave comes within reach of the lumen from `s_m - half_width_m` to `s_m + half_width_m`, s: not later than the next
+    /// event of the motility, after which there may be other waves; the present time where one is there. The wall stands still until then.
+    pub fn still_until_s(&self, s_m: f64, half_width_m: f64) -> f64 {
+        let now_s = self.motility.time_s();
+        let mut until_s = self.motility.next_event_s();
+        if let Some(gate) = self.motility.gate()
+            && (gate.place_m() - s_m).abs() <= half_width_m + STILL_WIDTHS * gate.width_m()
+            && !gate.openings_s.is_empty()
+        {
+            return now_s;
+        }
+        for wave in self.motility.active() {
+            let centre_m = wave.start_arc_length_m + wave.speed_m_s * (now_s - wave.start_time_s);
+            let reach_m = half_width_m + (STILL_WIDTHS * wave.width_m).max(wave.flattens_ahead_m);
+            let way_m = s_m - centre_m;
+            let gap_m = way_m.abs() - reach_m;
+            let arrives_s = match gap_m {
+                gap if gap <= 0.0 => now_s,
+                gap if way_m * wave.speed_m_s > 0.0 => now_s + gap / wave.speed_m_s.abs(),
+                _ => f64::INFINITY,
+            };
+            if arrives_s < wave.end_time_s() {
+                until_s = until_s.min(arrives_s);
+            }
+        }
+        until_s
     }
 
     /// Whether the radius depends on the angle anywhere.

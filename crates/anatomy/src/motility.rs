@@ -27,12 +27,15 @@
 
 use crate::error::AnatomyError;
 use crate::motility_config::{MotilityConfig, Rhythm};
+use crate::motility_limits::LARGEST_AMPLITUDE;
+use crate::pylorus::Gate;
+use crate::segment::SegmentKey;
 use crate::tract::Tract;
 use lumenav_core::RandomStreams;
 use rand::Rng as _;
 
 /// Part of a wave's duration that each smooth switch takes, ρ.
-const RAMP_FRACTION: f64 = 0.15;
+pub(crate) const RAMP_FRACTION: f64 = 0.15;
 /// Runs that end at a segment's border sooner than this are not started, m.
 const SHORTEST_RUN_M: f64 = 1e-3;
 /// Cells of one rhythm: enough for 7 m of bowel in cells of 2 cm.
@@ -132,9 +135,13 @@ pub struct Motility {
     cycle: MotorComplex,
     amplitude_scale: f64,
     taenia_relief: f64,
+    gate: Option<Gate>,
     active: Vec<Wave>,
     time_s: f64,
     revision: u64,
+    /// When the next event of a source is due, and when the first active wave ends, s: nothing changes before.
+    next_event_s: f64,
+    first_end_s: f64,
 }
 
 /// The migrating motor complex: a phase in [0, 1) that travels aborally.
@@ -172,6 +179,8 @@ struct Cell {
     /// Delay of the MMC front, s; `None` where the MMC has no say.
     front_delay_s: Option<f64>,
     rhythm: Rhythm,
+    /// Its waves run to the pylorus and may open it.
+    is_antral: bool,
     sequence: u64,
     next_time_s: f64,
 }
@@ -182,19 +191,26 @@ impl Cell {
         let mut stream = streams.stream(&self.name, self.sequence);
         // 53 bits make a uniform number in [0, 1), the usual way.
         let mut uniform = || (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        let [remainder, kept, place, direction, length] = std::array::from_fn(|_| uniform());
+        let [remainder, kept, place, direction, length, strength] = std::array::from_fn(|_| uniform());
         let (time_s, rhythm) = (self.next_time_s, self.rhythm);
         let period_s = 1.0 / self.rate_hz;
         self.sequence += 1;
         self.next_time_s += period_s
             * (rhythm.refractory_fraction - (1.0 - rhythm.refractory_fraction) * (1.0 - remainder).ln());
-        let factor = self.front_delay_s.map_or(1.0, |delay_s| cycle.factor(time_s, delay_s));
-        if kept >= factor {
+        let kept_part = self.front_delay_s.map_or(1.0, |delay_s| cycle.factor(time_s, delay_s));
+        if kept >= kept_part {
             return None;
         }
-        let start_m = self.start_m + place * self.length_m;
+        let factor = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
+        let mut start_m = self.start_m + place * self.length_m;
         let aboral = direction < rhythm.aboral_fraction;
-        let wanted_m = rhythm.run_m[0] + length * (rhythm.run_m[1] - rhythm.run_m[0]);
+        let mut wanted_m = rhythm.run_m[0] + length * (rhythm.run_m[1] - rhythm.run_m[0]);
+        // What would come in over the oral end starts there, with what is left of its run.
+        let before_m = (self.limits_m[0] - start_m).max(0.0);
+        if before_m > 0.0 && !aboral {
+            return None;
+        }
+        (start_m, wanted_m) = (start_m + before_m, wanted_m - before_m);
         let free_m = if aboral { self.limits_m[1] - start_m } else { start_m - self.limits_m[0] };
         let run_m = wanted_m.min(free_m);
         (run_m >= SHORTEST_RUN_M).then(|| Wave {
@@ -203,7 +219,7 @@ impl Cell {
             speed_m_s: if aboral { rhythm.speed_m_s } else { -rhythm.speed_m_s },
             duration_s: run_m / rhythm.speed_m_s,
             width_m: rhythm.width_m,
-            amplitude: rhythm.amplitude,
+            amplitude: rhythm.amplitude.map(|a| (a * factor).min(LARGEST_AMPLITUDE)),
             flattens_ahead_m: rhythm.flattens_ahead_m,
             yields: rhythm.yields,
         })
@@ -253,9 +269,14 @@ impl Motility {
             cycle,
             amplitude_scale: config.amplitude_scale.0,
             taenia_relief: config.taenia_relief.0,
+            gate: (config.spontaneous && config.amplitude_scale.0 > 0.0)
+                .then(|| Gate::new(&config.pylorus, config.amplitude_scale.0, tract))
+                .flatten(),
             active: Vec::with_capacity(256),
             time_s: 0.0,
             revision: 0,
+            next_event_s: f64::NEG_INFINITY,
+            first_end_s: f64::INFINITY,
         };
         motility.advance_to(0.0);
         Ok(motility)
@@ -267,16 +288,48 @@ impl Motility {
             self.cells.clone_from(&self.initial_cells);
             self.next_scheduled = 0;
             self.active.clear();
+            if let Some(gate) = &mut self.gate {
+                gate.openings_s.clear();
+            }
             self.revision += 1;
+            (self.next_event_s, self.first_end_s) = (f64::NEG_INFINITY, f64::INFINITY);
         }
         self.time_s = time_s;
-        while let Some(source) = self.earliest(time_s) {
+        if time_s >= self.next_event_s {
+            self.take_events(time_s);
+        }
+        if time_s >= self.first_end_s {
+            self.active.retain(|wave| wave.end_time_s() > time_s);
+            self.revision += 1;
+            self.find_first_end();
+        }
+    }
+
+    fn find_first_end(&mut self) {
+        self.first_end_s = self.active.iter().map(Wave::end_time_s).fold(f64::INFINITY, f64::min);
+    }
+
+    /// Takes all events up to `time_s` in the order of their times.
+    fn take_events(&mut self, time_s: f64) {
+        loop {
+            let (due_s, source) = self.earliest();
+            self.next_event_s = due_s;
+            if due_s > time_s {
+                break;
+            }
             let wave = match source {
                 Source::Schedule => {
                     self.next_scheduled += 1;
                     self.scheduled.get(self.next_scheduled - 1).copied()
                 }
-                Source::Cell(index) => self.cells[index].fire(&self.streams, &self.cycle),
+                Source::Cell(index) => {
+                    let cell = &mut self.cells[index];
+                    let wave = cell.fire(&self.streams, &self.cycle);
+                    if let Some((gate, wave)) = self.gate.as_mut().zip(wave).filter(|_| cell.is_antral) {
+                        gate.hear_of(&wave, cell.sequence, &self.streams);
+                    }
+                    wave
+                }
             };
             // Without amplitude there is no wave: the tube is exactly the resting one.
             if let Some(mut wave) = wave.filter(|_| self.amplitude_scale > 0.0) {
@@ -289,27 +342,31 @@ impl Motility {
                 self.revision += 1;
             }
         }
-        if self.active.iter().any(|wave| wave.end_time_s() <= time_s) {
-            self.active.retain(|wave| wave.end_time_s() > time_s);
-            self.revision += 1;
-        }
+        self.find_first_end();
     }
 
-    /// The source of the earliest event that starts at or before `time_s`; schedule first, then cells in order.
-    fn earliest(&self, time_s: f64) -> Option<Source> {
-        let mut best = time_s;
-        let mut source = None;
-        if let Some(wave) = self.scheduled.get(self.next_scheduled).filter(|wave| wave.start_time_s <= best) {
-            best = wave.start_time_s;
-            source = Some(Source::Schedule);
-        }
+    /// The earliest event to come and its source; schedule first, then cells in order.
+    fn earliest(&self) -> (f64, Source) {
+        let scheduled = self.scheduled.get(self.next_scheduled);
+        let mut best = scheduled.map_or(f64::INFINITY, |wave| wave.start_time_s);
+        let mut source = Source::Schedule;
         for (index, cell) in self.cells.iter().enumerate() {
-            if cell.next_time_s < best || (source.is_none() && cell.next_time_s <= best) {
+            if cell.next_time_s < best {
                 best = cell.next_time_s;
-                source = Some(Source::Cell(index));
+                source = Source::Cell(index);
             }
         }
-        source
+        (best, source)
+    }
+
+    /// When the next event is due, s; infinite where there will be none.
+    pub fn next_event_s(&self) -> f64 {
+        self.next_event_s
+    }
+
+    /// The pylorus, where there is one that contracts.
+    pub fn gate(&self) -> Option<&Gate> {
+        self.gate.as_ref()
     }
 
     /// The scheduled waves, in the order in which they start; none where the amplitude is scaled to 0.
@@ -335,8 +392,9 @@ impl Motility {
     /// Everything the waves follow from, as text (every cell with its rhythm): equal for motilities that will always agree.
     pub fn fingerprint_text(&self) -> String {
         format!(
-            "{:?}{:?}{:?}{:?}{:?}{:?}",
+            "{:?}{:?}{:?}{:?}{:?}{:?}{:?}",
             self.streams,
+            self.gate.as_ref().map(Gate::law),
             self.scheduled,
             self.cycle,
             self.initial_cells,
@@ -375,8 +433,11 @@ pub(crate) struct Site {
 }
 
 fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
-    let length_m = site.span_m[1] - site.span_m[0];
     let mean_run_m = 0.5 * (site.rhythm.run_m[0] + site.rhythm.run_m[1]);
+    // At the oral end of an organ a place sees as many waves as elsewhere, some of which would have started before it.
+    let oral_m = if site.span_m[0] <= site.limits_m[0] && !site.whole { mean_run_m } else { 0.0 };
+    let start_m = site.span_m[0] - oral_m;
+    let length_m = site.span_m[1] - start_m;
     let wanted = if site.whole { 1 } else { (length_m / mean_run_m).round() as usize };
     let count = wanted.clamp(1, MOST_CELLS);
     for index in 0..count {
@@ -392,12 +453,13 @@ fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
             (streams.stream(&format!("{name}/first"), 0).next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
         cells.push(Cell {
             name,
-            start_m: site.span_m[0] + length_m * index as f64 / count as f64,
+            start_m: start_m + length_m * index as f64 / count as f64,
             length_m: length_m / count as f64,
             limits_m: site.limits_m,
             rate_hz,
             front_delay_s: site.front_delay_s.map(between),
             rhythm: site.rhythm,
+            is_antral: site.name == SegmentKey::Stomach.as_str(),
             sequence: 0,
             next_time_s: first / rate_hz,
         });

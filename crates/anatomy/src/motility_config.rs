@@ -3,7 +3,7 @@
 //! (S) stated by a source, (B) believed, (T) tuned here (to what stands beside it). Rates are what one place sees.
 
 use crate::error::AnatomyError;
-use crate::motility::{Site, Wave};
+use crate::motility::{RAMP_FRACTION, Site, Wave};
 use crate::motility_limits::{LARGEST_AMPLITUDE, check_wave, in_range, positive};
 use crate::segment::SegmentKey;
 use crate::tract::Tract;
@@ -28,6 +28,8 @@ pub struct MotilityConfig {
     pub oesophagus: OesophagusConfig,
     /// Antral waves.
     pub stomach: StomachConfig,
+    /// The gate behind them.
+    pub pylorus: PylorusConfig,
     /// Contractions of the duodenum.
     pub duodenum: DuodenumConfig,
     /// Contractions of the jejunum.
@@ -50,6 +52,7 @@ impl Default for MotilityConfig {
             mmc: MmcConfig::default(),
             oesophagus: OesophagusConfig::default(),
             stomach: StomachConfig::default(),
+            pylorus: PylorusConfig::default(),
             duodenum: DuodenumConfig::default(),
             jejunum: JejunumConfig::default(),
             ileum: IleumConfig::default(),
@@ -184,16 +187,20 @@ impl Default for MmcConfig {
     }
 }
 
-/// `[motility.oesophagus]`: the bolus wave that follows the swallow of the capsule.
+/// `[motility.oesophagus]`: the wave that follows the swallow of the capsule, and those that follow it as long as something is felt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OesophagusConfig {
     /// When the capsule is swallowed, s. Default 0.
     pub swallow_time_s: NonNegative,
+    /// Further swallows and secondary waves, 1/s. Default 0.27: one in 3.7 s [T to 23.6 s supine].
+    pub further_rate_hz: NonNegative,
     /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) (S).
     pub speed_m_s: Positive,
-    /// Amplitude. Default 0.95 (B).
+    /// Amplitude. Default 0.42 [T to 23.6 s supine, with its spread: many a wave slides over a capsule that lies on its side].
     pub amplitude: Fraction,
+    /// A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default 0.6 (T).
+    pub amplitude_spread: Fraction,
     /// Width, m. Default 0.018 (B).
     pub width_m: Positive,
 }
@@ -202,29 +209,92 @@ impl Default for OesophagusConfig {
     fn default() -> Self {
         Self {
             swallow_time_s: NonNegative(0.0),
+            further_rate_hz: NonNegative(0.27),
             speed_m_s: Positive(0.031),
-            amplitude: Fraction(0.95),
+            amplitude: Fraction(0.42),
+            amplitude_spread: Fraction(0.6),
             width_m: Positive(0.018),
         }
     }
 }
 
 impl OesophagusConfig {
+    /// From a width before the mouth's end, so that a capsule there lies on the wave's front, to a width behind the cardia.
+    fn span_m(&self, tract: &Tract) -> Option<[f64; 2]> {
+        let [start_m, end_m] = span_of(tract, &[SegmentKey::Oesophagus])?;
+        Some([start_m - self.width_m.0, end_m + self.width_m.0])
+    }
+
     /// The wave of the swallow, `None` where the tract has no oesophagus.
     pub(crate) fn swallow(&self, tract: &Tract) -> Option<Wave> {
-        let [start_m, end_m] = span_of(tract, &[SegmentKey::Oesophagus])?;
-        // It starts one width behind the mouth's end, so that the capsule lies on its front.
-        let run_m = end_m - start_m + self.width_m.0;
+        let [start_m, end_m] = self.span_m(tract)?;
         Some(Wave {
             start_time_s: self.swallow_time_s.0,
-            start_arc_length_m: start_m - self.width_m.0,
+            start_arc_length_m: start_m,
             speed_m_s: self.speed_m_s.0,
-            duration_s: run_m / self.speed_m_s.0,
+            duration_s: (end_m - start_m) / self.speed_m_s.0,
             width_m: self.width_m.0,
             amplitude: [self.amplitude.0; 2],
             flattens_ahead_m: 0.0,
             yields: false,
         })
+    }
+
+    /// The swallows that follow, each over the whole length.
+    fn site(&self, tract: &Tract) -> Option<Site> {
+        let [start_m, end_m] = self.span_m(tract)?;
+        Some(Site {
+            name: SegmentKey::Oesophagus.to_string(),
+            span_m: [start_m; 2],
+            limits_m: [start_m, end_m],
+            rhythm: Rhythm { run_m: [end_m - start_m; 2], ..self.further() },
+            front_delay_s: None,
+            whole: true,
+        })
+    }
+
+    pub(crate) fn further(&self) -> Rhythm {
+        Rhythm {
+            rate_hz: [self.further_rate_hz.0; 2],
+            speed_m_s: self.speed_m_s.0,
+            amplitude: [self.amplitude.0; 2],
+            amplitude_spread: self.amplitude_spread.0,
+            width_m: self.width_m.0,
+            // An oesophagus of the size measured; that of the tract is put in its place.
+            run_m: [0.23; 2],
+            aboral_fraction: 1.0,
+            refractory_fraction: 0.5,
+            flattens_ahead_m: 0.0,
+            yields: false,
+        }
+    }
+}
+
+/// `[motility.pylorus]`: the sphincter behind the stomach, closed but when an antral wave opens it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PylorusConfig {
+    /// Fraction of the radius that it takes while closed. Default 0.9 (B).
+    pub closure: Fraction,
+    /// Its width (of a Gaussian), m. Default 0.004 (B).
+    pub width_m: Positive,
+    /// Part of the antral waves that open it. Default 0.012 [T to gastric emptying of a fasting capsule, median 22 min].
+    pub opening_fraction: Fraction,
+    /// How long it is open, s. Default 20 (B).
+    pub open_s: Positive,
+    /// How far before it the wave is in the middle of that time, m. Default 0.02 [B: a wave carries a capsule in front of it].
+    pub ahead_m: NonNegative,
+}
+
+impl Default for PylorusConfig {
+    fn default() -> Self {
+        Self {
+            closure: Fraction(0.9),
+            width_m: Positive(0.004),
+            opening_fraction: Fraction(0.012),
+            open_s: Positive(20.0),
+            ahead_m: NonNegative(0.02),
+        }
     }
 }
 
@@ -234,6 +304,8 @@ pub(crate) struct Rhythm {
     pub(crate) rate_hz: [f64; 2],
     pub(crate) speed_m_s: f64,
     pub(crate) amplitude: [f64; 2],
+    /// A wave's amplitude is drawn evenly from 1 less to 1 more this of the usual.
+    pub(crate) amplitude_spread: f64,
     pub(crate) width_m: f64,
     pub(crate) run_m: [f64; 2],
     pub(crate) aboral_fraction: f64,
@@ -244,7 +316,7 @@ pub(crate) struct Rhythm {
 
 macro_rules! rhythm_table {
     ($(#[$doc:meta])* $name:ident, rate $rate:expr, $rate_doc:literal; speed $speed:expr, $speed_doc:literal;
-     amplitude $amplitude:expr, $amplitude_doc:literal; width $width:expr; run $run:expr; aboral $aboral:expr;
+     amplitude $amplitude:expr, $amplitude_doc:literal; spread $spread:expr; width $width:expr; run $run:expr; aboral $aboral:expr;
      refractory $refractory:expr) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -256,6 +328,8 @@ macro_rules! rhythm_table {
             pub speed_m_s: Positive,
             #[doc = $amplitude_doc]
             pub amplitude: [Fraction; 2],
+            #[doc = concat!("A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default ", stringify!($spread), ".")]
+            pub amplitude_spread: Fraction,
             #[doc = concat!("Width of the Gaussian, m. Default ", stringify!($width), " (B).")]
             pub width_m: Positive,
             #[doc = concat!("Shortest and longest run, m. Default ", stringify!($run), " (B).")]
@@ -272,6 +346,7 @@ macro_rules! rhythm_table {
                     rate_hz: $rate.map(NonNegative),
                     speed_m_s: Positive($speed),
                     amplitude: $amplitude.map(Fraction),
+                    amplitude_spread: Fraction($spread),
                     width_m: Positive($width),
                     run_m: $run.map(Positive),
                     aboral_fraction: Fraction($aboral),
@@ -286,6 +361,7 @@ macro_rules! rhythm_table {
                     rate_hz: self.rate_hz.map(|rate| rate.0),
                     speed_m_s: self.speed_m_s.0,
                     amplitude: self.amplitude.map(|a| a.0),
+                    amplitude_spread: self.amplitude_spread.0,
                     width_m: self.width_m.0,
                     run_m: self.run_m.map(|run| run.0),
                     aboral_fraction: self.aboral_fraction.0,
@@ -303,40 +379,40 @@ rhythm_table!(
     StomachConfig,
     rate [0.0517, 0.0517], "Rate at the oral and the aboral end, 1/s. Default 0.0517: 3.1 per minute (S).";
     speed 0.0024, "Speed, m/s. Default 0.0024 (0 to 0.014) (S).";
-    amplitude [0.25, 0.75], "Amplitude at start and end of a run. Default 0.25 (corpus) to 0.75 (antrum) (B).";
-    width 0.012; run [0.12, 0.12]; aboral 1.0; refractory 0.9
+    amplitude [0.5, 0.95], "Amplitude at start and end of a run. Default 0.5 (corpus) to 0.95 (antrum) [T to a capsule that reaches the pylorus].";
+    spread 0.0; width 0.012; run [0.12, 0.12]; aboral 1.0; refractory 0.9
 );
 rhythm_table!(
     /// `[motility.duodenum]`.
     DuodenumConfig,
     rate [0.208, 0.208], "Rate in phase III at both ends, 1/s. Default 0.208: 12.5 per minute [S, upper bound].";
-    speed 0.018, "Speed, m/s. Default 0.018 (B).";
-    amplitude [0.6, 0.6], "Amplitude at start and end of a run. Default 0.6 (B).";
-    width 0.010; run [0.02, 0.15]; aboral 0.85; refractory 0.6
+    speed 0.008, "Speed, m/s. Default 0.008 [T to small-bowel transit].";
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.15]; aboral 0.85; refractory 0.6
 );
 rhythm_table!(
     /// `[motility.jejunum]`.
     JejunumConfig,
     rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute (S).";
-    speed 0.014, "Speed, m/s. Default 0.014 (B).";
-    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 (B).";
-    width 0.010; run [0.02, 0.12]; aboral 0.85; refractory 0.6
+    speed 0.008, "Speed, m/s. Default 0.008 [T to small-bowel transit].";
+    amplitude [0.48, 0.48], "Amplitude at start and end of a run. Default 0.48 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.12]; aboral 0.85; refractory 0.6
 );
 rhythm_table!(
     /// `[motility.ileum]`.
     IleumConfig,
     rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute (S).";
-    speed 0.008, "Speed, m/s. Default 0.008 (B).";
-    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 (B).";
-    width 0.010; run [0.02, 0.08]; aboral 0.8; refractory 0.6
+    speed 0.006, "Speed, m/s. Default 0.006 [T to small-bowel transit].";
+    amplitude [0.48, 0.48], "Amplitude at start and end of a run. Default 0.48 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.08]; aboral 0.8; refractory 0.6
 );
 rhythm_table!(
     /// `[motility.terminal_ileum]`.
     TerminalIleumConfig,
     rate [0.167, 0.143], "Rate in phase III at both ends, 1/s. Default 10.0 to 8.6 per minute (S).";
-    speed 0.006, "Speed, m/s. Default 0.006 (B).";
-    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 (B).";
-    width 0.010; run [0.02, 0.05]; aboral 0.8; refractory 0.6
+    speed 0.005, "Speed, m/s. Default 0.005 [T to small-bowel transit].";
+    amplitude [0.48, 0.48], "Amplitude at start and end of a run. Default 0.48 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.05]; aboral 0.8; refractory 0.6
 );
 
 /// Speed of the MMC front in duodenum and jejunum, ileum and terminal ileum, m/s: 4.7, 1.3 and 0.9 cm/min (S).
@@ -417,6 +493,7 @@ impl ColonConfig {
             rate_hz: [self.haustral_rate_hz.0; 2],
             speed_m_s: self.haustral_speed_m_s.0,
             amplitude: [self.haustral_amplitude.0; 2],
+            amplitude_spread: 0.0,
             width_m: self.haustral_width_m.0,
             run_m: self.haustral_run_m.map(|run| run.0),
             aboral_fraction: self.haustral_aboral_fraction.0,
@@ -431,6 +508,7 @@ impl ColonConfig {
             rate_hz: [self.mass_rate_per_day.0 / 86_400.0; 2],
             speed_m_s: self.mass_speed_m_s.0,
             amplitude: [self.mass_amplitude.0; 2],
+            amplitude_spread: 0.0,
             width_m: self.mass_width_m.0,
             run_m: [self.mass_run_m.0; 2],
             aboral_fraction: 1.0,
@@ -445,6 +523,7 @@ impl ColonConfig {
             rate_hz: [self.retrograde_rectosigmoid_rate_hz.0; 2],
             speed_m_s: self.retrograde_speed_m_s.0,
             amplitude: [self.retrograde_amplitude.0; 2],
+            amplitude_spread: 0.0,
             width_m: self.haustral_width_m.0,
             run_m: [self.retrograde_run_m.0; 2],
             aboral_fraction: 0.0,
@@ -482,11 +561,11 @@ impl ColonConfig {
 impl MotilityConfig {
     /// Everything that contracts by itself in `tract`.
     pub(crate) fn sites(&self, tract: &Tract) -> Vec<Site> {
-        let mut sites = Vec::new();
+        let mut sites: Vec<Site> = self.oesophagus.site(tract).into_iter().collect();
+        sites.extend(self.antrum(tract));
         let mut delay_s = 0.0;
         for segment in &tract.segments {
             let rhythm = match segment.key {
-                SegmentKey::Stomach => self.stomach.rhythm(),
                 SegmentKey::Duodenum => self.duodenum.rhythm(),
                 SegmentKey::Jejunum => self.jejunum.rhythm(),
                 SegmentKey::Ileum => self.ileum.rhythm(),
@@ -500,14 +579,31 @@ impl MotilityConfig {
                     [start_s, delay_s]
                 });
             let span_m = [segment.start_m, segment.end_m];
-            // Waves of the small bowel run on into the next part of it; those of the stomach stop at the pylorus.
-            let limits_m =
-                if front_delay_s.is_some() { small_bowel(tract).unwrap_or(span_m) } else { span_m };
+            // Waves of the small bowel run on into the next part of it.
+            let limits_m = small_bowel(tract).unwrap_or(span_m);
             let (name, whole) = (segment.key.to_string(), false);
             sites.push(Site { name, span_m, limits_m, rhythm, front_delay_s, whole });
         }
         self.colon.sites(tract, &mut sites);
         sites
+    }
+}
+
+impl MotilityConfig {
+    /// Antral waves: from the pacemaker, a run before the pylorus, and beyond the pylorus only while they fade.
+    fn antrum(&self, tract: &Tract) -> Option<Site> {
+        let [start_m, end_m] = span_of(tract, &[SegmentKey::Stomach])?;
+        let rhythm = self.stomach.rhythm();
+        let run_m = rhythm.run_m.map(|run_m| run_m.min(end_m - start_m) / (1.0 - RAMP_FRACTION));
+        let pacemaker_m = end_m - run_m[0] * (1.0 - RAMP_FRACTION);
+        Some(Site {
+            name: SegmentKey::Stomach.to_string(),
+            span_m: [pacemaker_m; 2],
+            limits_m: [start_m, end_m + RAMP_FRACTION * run_m[1]],
+            rhythm: Rhythm { run_m, ..rhythm },
+            front_delay_s: None,
+            whole: true,
+        })
     }
 }
 

@@ -62,6 +62,14 @@ macro_rules! keys {
     };
 }
 
+const OESOPHAGUS: Keys = Keys {
+    rate: "oesophagus.further_rate_hz",
+    speed: "oesophagus.speed_m_s",
+    amplitude: "oesophagus.amplitude",
+    width: "oesophagus.width_m",
+    run: "oesophagus.speed_m_s",
+};
+
 const HAUSTRAL: Keys = Keys {
     rate: "colon.haustral_rate_hz",
     speed: "colon.haustral_speed_m_s",
@@ -129,6 +137,11 @@ impl MotilityConfig {
         among("oesophagus.speed_m_s", self.oesophagus.speed_m_s.0, SPEEDS_M_S)?;
         in_range("oesophagus.amplitude", self.oesophagus.amplitude.0, 0.0, LARGEST_AMPLITUDE)?;
         among("oesophagus.width_m", self.oesophagus.width_m.0, WIDTHS_M)?;
+        check_rhythm(&OESOPHAGUS, &self.oesophagus.further())?;
+        in_range("pylorus.closure", self.pylorus.closure.0, 0.0, LARGEST_AMPLITUDE)?;
+        among("pylorus.width_m", self.pylorus.width_m.0, WIDTHS_M)?;
+        in_range("pylorus.ahead_m", self.pylorus.ahead_m.0, 0.0, RUNS_M[1])?;
+        among("pylorus.open_s", self.pylorus.open_s.0, DURATIONS_S)?;
         check_rhythm(&keys!("stomach"), &self.stomach.rhythm())?;
         check_rhythm(&keys!("duodenum"), &self.duodenum.rhythm())?;
         check_rhythm(&keys!("jejunum"), &self.jejunum.rhythm())?;

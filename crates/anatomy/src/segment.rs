@@ -141,7 +141,13 @@ pub struct Wall {
     pub stiffness_newton_per_m: f64,
     /// Radial damping per contact ring, N s/m.
     pub damping_newton_s_per_m: f64,
-    /// Coulomb friction. Porcine small bowel, in-vivo-like: 0.0004 to 0.018 (Lyle 2013); pulls ex vivo imply 0.05 to 0.2.
+    /// Adhesion and viscous friction as a part of `coulomb_newton` and `viscous_newton_s_per_m` of the engine, 0 to 1. Oesophagus 0.04
+    /// [T to 5.2 s upright: a capsule goes down with water], small bowel 0.6 [T to 198 min of transit at the measured traction], else 1.
+    pub grip: f64,
+    /// Whether the empty lumen is flat and lies around a capsule from all sides without pressing on it: viscous friction acts on all of it.
+    pub collapsed: bool,
+    /// Coulomb friction. Porcine small bowel, in-vivo-like: 0.0004 to 0.018 (Lyle 2013), whose upper end is the wet
+    /// oesophagus'; pulls ex vivo imply 0.05 to 0.2.
     pub friction: f64,
     /// Distance between haustra (colon) or folds, m; 0 for a smooth wall.
     pub haustra_pitch_m: f64,
@@ -157,21 +163,26 @@ impl Wall {
     /// The default wall of a segment.
     fn of(key: SegmentKey) -> Self {
         let (haustra_pitch_m, haustra_depth) = match key {
-            // Kerckring's folds, flattened by a capsule: pitch and depth are believed, not measured.
-            SegmentKey::Duodenum | SegmentKey::Jejunum => (0.007, 0.1),
             // Haustra: pitch and depth are believed, not measured.
             SegmentKey::Caecum
             | SegmentKey::Ascending
             | SegmentKey::Transverse
             | SegmentKey::Descending
             | SegmentKey::Sigmoid => (0.03, 0.35),
-            // Oesophagus, stomach, ileum and rectum are smooth to a capsule.
+            // The others are smooth to a capsule: Kerckring's folds are thin and lie down before it.
             _ => (0.0, 0.0),
+        };
+        let grip = match key {
+            SegmentKey::Oesophagus => 0.04,
+            SegmentKey::Duodenum | SegmentKey::Jejunum | SegmentKey::Ileum | SegmentKey::TerminalIleum => 0.6,
+            _ => 1.0,
         };
         Self {
             stiffness_newton_per_m: 60.0,
             damping_newton_s_per_m: 8.0,
-            friction: 0.08,
+            grip,
+            collapsed: key == SegmentKey::Oesophagus,
+            friction: if key == SegmentKey::Oesophagus { 0.018 } else { 0.08 },
             haustra_pitch_m,
             haustra_depth,
             contracted_factor: 0.05,
@@ -189,6 +200,10 @@ pub struct WallTable {
     pub stiffness_newton_per_m: Option<Positive>,
     /// See [`Wall::damping_newton_s_per_m`].
     pub damping_newton_s_per_m: Option<NonNegative>,
+    /// See [`Wall::grip`].
+    pub grip: Option<Fraction>,
+    /// See [`Wall::collapsed`].
+    pub collapsed: Option<bool>,
     /// See [`Wall::friction`].
     pub friction: Option<NonNegative>,
     /// See [`Wall::haustra_pitch_m`], in mm.
@@ -207,6 +222,8 @@ impl WallTable {
         let set = |to: &mut f64, value: Option<f64>| *to = value.unwrap_or(*to);
         set(&mut wall.stiffness_newton_per_m, self.stiffness_newton_per_m.map(|v| v.0));
         set(&mut wall.damping_newton_s_per_m, self.damping_newton_s_per_m.map(|v| v.0));
+        set(&mut wall.grip, self.grip.map(|v| v.0));
+        wall.collapsed = self.collapsed.unwrap_or(wall.collapsed);
         set(&mut wall.friction, self.friction.map(|v| v.0));
         set(&mut wall.haustra_pitch_m, self.haustra_pitch_mm.map(|v| v.0 * 1e-3));
         set(&mut wall.haustra_depth, self.haustra_depth.map(|v| v.0));

@@ -22,6 +22,7 @@
 mod context;
 mod error;
 mod files;
+mod gut;
 mod moussakhani2012;
 mod registry;
 mod table;

@@ -1,7 +1,7 @@
 //! What there is to reproduce.
 
 use crate::context::{Context, Size};
-use crate::{ReproduceError, Table, moussakhani2012, than2015};
+use crate::{ReproduceError, Table, gut, moussakhani2012, than2015};
 
 /// A published table or figure that can be run again.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +44,7 @@ impl Reproduction {
 
 /// All of them, sorted by id.
 pub fn all() -> Vec<Reproduction> {
-    let mut all = [moussakhani2012::ALL, than2015::ALL].concat();
+    let mut all = [gut::ALL, moussakhani2012::ALL, than2015::ALL].concat();
     all.sort_by_key(|reproduction| reproduction.id);
     all
 }

@@ -23,9 +23,12 @@ pub struct EngineConfig {
     /// Longest time that the capsule is given before t = 0 to come to rest on the wall, s; the wall stands still meanwhile. 0: it starts
     /// on the centre line and falls. Default 10 (B): most starts in a colon take 1 to 3 s.
     pub settle_s: NonNegative,
+    /// Whether a capsule that rests where the wall stands still is left there unstepped until a wave comes. Default true.
+    pub sleep: bool,
     /// Gravity in the torso frame, m/s². Default (0, -9.81, 0): lying on the back.
     pub gravity_torso_m_s2: [Finite; 3],
-    /// Segments without fluid: no buoyancy and no drag. Default none: bowels are prepared with litres of fluid.
+    /// Segments without fluid: no buoyancy and no drag. Default the oesophagus, through which a sip of water runs ahead; bowels are
+    /// prepared with litres of fluid.
     pub dry_segments: Vec<SegmentKey>,
     /// Density of the fluid, kg/m³. Default 1000 (S).
     pub fluid_density_kg_m3: NonNegative,
@@ -63,8 +66,9 @@ impl Default for EngineConfig {
             start_arc_length_m: NonNegative(0.02),
             start_roll_rad: Finite(0.0),
             settle_s: NonNegative(10.0),
+            sleep: true,
             gravity_torso_m_s2: [Finite(0.0), Finite(-9.81), Finite(0.0)],
-            dry_segments: Vec::new(),
+            dry_segments: vec![SegmentKey::Oesophagus],
             fluid_density_kg_m3: NonNegative(1000.0),
             fluid_viscosity_pa_s: NonNegative(1e-3),
             drag_coefficient: NonNegative(1.0),

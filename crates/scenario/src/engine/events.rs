@@ -112,6 +112,14 @@ impl Watch {
         }
     }
 
+    /// When a capsule that goes on resting is told next as stalled or retained.
+    pub(super) fn next(&self, config: &EngineConfig) -> Option<SimTime> {
+        let due = |told: bool, after_s: f64| (!told).then(|| self.anchored + nanoseconds(after_s));
+        let stalled = due(self.stalled, config.stalled_after_s.0);
+        let retained = due(self.retained, config.retained_after_s.0);
+        stalled.into_iter().chain(retained).min()
+    }
+
     /// Tells every border between the segment told last and the present one.
     fn borders(&mut self, seen: &Seen, tract: &Tract, tell: &mut impl FnMut(EventKind)) {
         let segments = &tract.segments;

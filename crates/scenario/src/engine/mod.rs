@@ -31,9 +31,11 @@ mod events;
 mod foot;
 mod fuzz;
 mod settle;
+mod sleep;
 mod snapshot;
 mod sources;
 mod system;
+mod valve;
 mod wall;
 
 pub use body::Obstacle;
@@ -53,9 +55,11 @@ use lumenav_anatomy::tract::{End, Tract};
 use lumenav_core::pose::attitude_from_axis;
 use lumenav_core::{CapsuleBody, SimTime};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use sleep::Sleep;
 use std::f64::consts::PI;
 use std::sync::Arc;
 use system::{System, Twist};
+use valve::Valve;
 use wall::{Cap, Placement, Reaction, Rings, WallContacts};
 
 pub use sources::ENGINE_SOURCES;
@@ -152,6 +156,7 @@ pub struct Engine {
     body: Body,
     contacts: WallContacts,
     caps: [Option<Cap>; 2],
+    valve: Option<Valve>,
     gravity_torso_m_s2: Vector3<f64>,
     world_from_torso: Isometry3<f64>,
     dry: Vec<bool>,
@@ -165,6 +170,7 @@ pub struct Engine {
     wall_force_n: f64,
     touching: usize,
     left: bool,
+    sleep: Sleep,
     watch: Watch,
     events: Vec<EngineEvent>,
     /// See [`Engine::fingerprint`]: what never changes in it.
@@ -200,6 +206,7 @@ impl Engine {
             body,
             contacts: WallContacts::new(Rings::of(&capsule), &tract),
             caps: caps(&tract),
+            valve: Valve::of(&tract),
             gravity_torso_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
             world_from_torso: Isometry3::identity(),
             dry,
@@ -213,6 +220,7 @@ impl Engine {
             wall_force_n: 0.0,
             touching: 0,
             left: false,
+            sleep: Sleep::AWAKE,
             watch,
             events: Vec::with_capacity(16),
             fingerprint: std::sync::OnceLock::new(),
@@ -236,17 +244,23 @@ impl Engine {
     /// Force (N) and torque about the capsule's centre (N m), world frame, from now on until the next call.
     pub fn apply_wrench(&mut self, force_world_n: &Vector3<f64>, torque_world_n_m: &Vector3<f64>) {
         let turn = self.world_from_torso.rotation.inverse();
-        self.wrench_torso = [turn * force_world_n, turn * torque_world_n_m];
+        let wrench = [turn * force_world_n, turn * torque_world_n_m];
+        if wrench != self.wrench_torso {
+            (self.wrench_torso, self.sleep) = (wrench, Sleep::AWAKE);
+        }
     }
 
     /// Gravity in the torso frame from now on, m/s².
     pub fn set_gravity_torso(&mut self, gravity_torso_m_s2: &Vector3<f64>) {
-        self.gravity_torso_m_s2 = *gravity_torso_m_s2;
+        if *gravity_torso_m_s2 != self.gravity_torso_m_s2 {
+            (self.gravity_torso_m_s2, self.sleep) = (*gravity_torso_m_s2, Sleep::AWAKE);
+        }
     }
 
     /// Puts something rigid into the tract; a capsule that already overlaps it is pushed out.
     pub fn insert_obstacle(&mut self, obstacle: &Obstacle) {
         self.body.insert(obstacle);
+        self.sleep = Sleep::AWAKE;
     }
 
     /// The tract.
@@ -278,17 +292,28 @@ impl Engine {
     /// All steps that end at or before `time`.
     pub fn advance_to(&mut self, time: SimTime) {
         self.events.clear();
-        while self.time_of(self.step_index + 1) <= time {
-            self.step_once();
+        let last_step = self.last_step_at(time);
+        while self.step_index < last_step {
+            self.step_index = self.undisturbed_until(last_step);
+            if self.step_index < last_step {
+                self.step_once();
+            }
         }
+        // Whoever asks for the lumen finds it as it is now, although nobody had to look while the capsule slept.
+        self.lumen.advance_to(self.step_index as f64 * self.step_s);
     }
 
     fn step_once(&mut self) {
         let time_s = self.step_index as f64 * self.step_s;
         self.step_index += 1;
-        if !self.left {
-            self.step_at(time_s);
+        if self.left {
+            return;
         }
+        if !self.sleeps_through(time_s) {
+            self.step_at(time_s);
+            self.doze(time_s);
+        }
+        self.look();
     }
 
     /// Moves the capsule by one step, with the wall as it is at `time_s`.
@@ -314,7 +339,9 @@ impl Engine {
     fn find_contacts(&mut self, placement: &Placement) -> f64 {
         // The index is that of the segment at the station (see `take_state`).
         let wall = &self.tract.segments[self.segment_index].wall;
-        self.contacts.find(&self.lumen, placement, wall, &self.config, &self.caps);
+        let shut = self.valve.as_ref().and_then(Valve::shut);
+        let ends = self.caps.iter().flatten().chain(shut.as_ref());
+        self.contacts.find(&self.lumen, placement, wall, &self.config, ends);
         wall.friction
     }
 
@@ -343,6 +370,13 @@ impl Engine {
                 8.0 * PI * viscosity * r * r * r + pressure * 2.0 * r * length.powi(4) / 32.0 * spin;
             system.add_damping(self.step_s * linear, self.step_s * angular);
         }
+        let wall = &self.tract.segments[self.segment_index].wall;
+        if wall.collapsed {
+            let viscous = self.config.viscous_newton_s_per_m.0 * wall.grip;
+            let half_m = self.contacts.rings().dome;
+            // Evenly along the cylinder: a turn moves its parts by ω x.
+            system.add_damping(self.step_s * viscous, self.step_s * viscous * half_m * half_m / 3.0);
+        }
         let [force, torque] = &self.wrench_torso;
         let force = force + self.gravity_torso_m_s2 * weight_kg;
         system.add_impulse(&(force * self.step_s), &(torque * self.step_s));
@@ -358,6 +392,9 @@ impl Engine {
         self.touching = reaction.touching;
         let centre = Point3::from(pose.translation.vector);
         let arc_length_m = self.follow(&centre, &after);
+        if let Some(valve) = &mut self.valve {
+            valve.look(arc_length_m, 0.5 * self.capsule.length_m);
+        }
         let segments = &self.tract.segments;
         while self.segment_index + 1 < segments.len() && arc_length_m >= segments[self.segment_index].end_m {
             self.segment_index += 1;
@@ -369,10 +406,13 @@ impl Engine {
         if self.left {
             self.rest(&pose);
         }
-        let at = self.time();
+    }
+
+    /// Tells what has happened by the end of the step.
+    fn look(&mut self) {
         let seen = events::Seen {
-            at,
-            arc_length_m,
+            at: self.time(),
+            arc_length_m: self.station.arc_length_m,
             segment_index: self.segment_index,
             touching: self.touching > 0,
             left: self.left,

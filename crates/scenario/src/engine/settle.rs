@@ -120,7 +120,7 @@ impl Engine {
 
     /// Speed of the faster end of the capsule, at most, m/s. Turning about the own axis does not count: rolling to and fro at the bottom
     /// of a wide lumen is hardly damped, and by itself moves nothing.
-    fn fastest_end_m_s(&self) -> f64 {
+    pub(super) fn fastest_end_m_s(&self) -> f64 {
         let twist = self.body.twist();
         let axis = self.body.pose().rotation * Vector3::x();
         twist.linear.norm() + 0.5 * self.capsule.length_m * axis.cross(&twist.angular).norm()

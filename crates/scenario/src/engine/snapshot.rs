@@ -4,6 +4,7 @@
 //! order of [`Engine::snapshot`]. The motility is not in it: it is a pure function of time, and is replayed on restoring
 //! (0.1 s for eight hours). A snapshot belongs to an engine built from the same scenario; the fingerprint tells others.
 
+use super::sleep::Sleep;
 use super::system::Twist;
 use super::{Engine, EngineError};
 use lumenav_core::SimTime;
@@ -12,7 +13,9 @@ use std::fmt::{self, Write as _};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 const MAGIC: &[u8; 4] = b"LNVE";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
+/// Stands for "awake" where a sleeper's time would stand, s.
+const AWAKE_S: f64 = -1.0;
 
 struct Writer(Vec<u8>);
 
@@ -99,6 +102,10 @@ impl Engine {
         out.whole(watch.anchored.0 as u64);
         out.whole(u64::from(watch.stalled));
         out.whole(u64::from(watch.retained));
+        out.whole(u64::from(self.valve.is_some_and(|valve| valve.passed)));
+        out.whole(self.sleep.rested_steps);
+        // Awake: a time that nothing can have.
+        out.number(self.sleep.until_s.map_or(AWAKE_S, |until_s| until_s.min(f64::MAX)));
         out.0
     }
 
@@ -141,6 +148,9 @@ impl Engine {
         watch.anchored = SimTime(from.whole()? as i64);
         watch.stalled = from.flag()?;
         watch.retained = from.flag()?;
+        let passed = from.flag()?;
+        let (rested_steps, until_s) = (from.whole()?, from.number()?);
+        let sleep = Sleep { rested_steps, until_s: (until_s > AWAKE_S).then_some(until_s) };
         if !from.0.is_empty() {
             return Err(EngineError::Snapshot { reason: "too long" });
         }
@@ -157,7 +167,12 @@ impl Engine {
         self.specific_force_capsule_m_s2 = specific_force_capsule_m_s2;
         (self.wall_force_n, self.touching) = (wall_force_n, touching);
         (self.segment_index, self.left, self.watch) = (segment_index, left, watch);
+        self.sleep = sleep;
+        if let Some(valve) = &mut self.valve {
+            valve.passed = passed;
+        }
         self.events.clear();
+        self.lumen.advance_to(step_index as f64 * self.step_s);
         Ok(())
     }
 

@@ -1,13 +1,17 @@
 //! Where the defaults of `[engine]` come from.
 
 /// Key of [`super::EngineConfig`] and source of its default.
-pub const ENGINE_SOURCES: [(&str, &str); 18] = [
+pub const ENGINE_SOURCES: [(&str, &str); 19] = [
     ("step_rate_hz", "tuned: end points of a wave agree with those at 1,000 Hz within 1 %"),
     ("start_arc_length_m", "chosen: replaced by `start_arc_length_mm` of [capsule]"),
     ("start_roll_rad", "chosen: replaced by `start_roll_deg` of [capsule]"),
     ("settle_s", "chosen: several times what most starts take (1 to 3 s)"),
+    ("sleep", "chosen: what it leaves out is the creep of the regularised friction"),
     ("gravity_torso_m_s2", "standard gravity, rounded; a patient lying on the back"),
-    ("dry_segments", "chosen: a bowel prepared with litres of fluid"),
+    (
+        "dry_segments",
+        "chosen: the sip runs ahead in the oesophagus, a bowel is prepared with litres of fluid",
+    ),
     ("fluid_density_kg_m3", "water"),
     ("fluid_viscosity_pa_s", "water at 20 degrees Celsius"),
     ("drag_coefficient", "Hoerner 1965: short cylinder across, 0.6 to 1.2 over the Reynolds numbers met"),

@@ -25,12 +25,15 @@
 //! `F0` and `c_v` belong to the capsule as a whole: `F0` is shared by the rings that touch, `c_v` goes with the part of each
 //! ring's circumference that the wall covers: the arc of the circle ρ that lies outside the circle R.
 //!
-//! **Taut tissue.** Where the capsule's middle presses more than 2 mm into the *resting* wall, a stiff spring that grows stiffer
-//! joins in, with `q` the offset of the middle less `max(R_rest - r, 0) + 2 mm`:
+//! **Taut tissue.** Where a ring presses more than 2 mm into the *resting* wall, a stiff spring joins in, with `q` the offset of the
+//! ring less `max(R_rest - ρ, 0) + 2 mm`; that of the middle grows stiffer:
 //!
 //! ```text
 //! F = k_t (1 + q/q_t)(q + dt q̇⁺) + c q̇⁺        k_t = 1 kN/m, q_t = 0.25 mm: 5 N at the tolerance of 3 mm
 //! ```
+//!
+//! Without it at the ends a capsule that is pushed into a tight bend turns across the lumen, where both ends press along its axis and nothing
+//! turns it back.
 //!
 //! **Tight bends.** A ring's foot is looked for near the middle's, and bends that are tighter than the capsule give way
 //! ([`super::bends`]).
@@ -55,8 +58,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Rings along the capsule.
 pub(crate) const RINGS: usize = 5;
-/// Two sides of each ring and a dome at an end.
-const MOST_CONTACTS: usize = 2 * RINGS + 2;
+/// Two sides of each ring, the taut tissue beyond, and a dome at an end.
+const MOST_CONTACTS: usize = 3 * RINGS + 2;
 /// Penetration over which the damping of a new contact sets in, m.
 const DAMPING_ONSET_M: f64 = 1e-4;
 /// Penetration over which adhesion sets in, m: small beside the 40 to 80 um that a capsule's own weight gives.
@@ -86,8 +89,8 @@ const SLIP_TOLERANCE_M_S: f64 = 1e-7;
 /// Places and radii of the rings, m: along the capsule's x axis from its centre.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rings {
-    offset_m: [f64; RINGS],
-    radius_m: [f64; RINGS],
+    pub(crate) offset_m: [f64; RINGS],
+    pub(crate) radius_m: [f64; RINGS],
     /// Centre of the front dome: half of the cylinder.
     pub(crate) dome: f64,
     capsule_radius_m: f64,
@@ -178,7 +181,7 @@ pub(crate) struct WallContacts {
 impl WallContacts {
     /// For a capsule with these rings in `tract`.
     pub(crate) fn new(rings: Rings, tract: &Tract) -> Self {
-        let bends = Bends::of(tract, rings.dome, rings.capsule_radius_m);
+        let bends = Bends::of(tract, &rings);
         Self { rings, bends, contacts: Vec::with_capacity(MOST_CONTACTS) }
     }
 
@@ -187,23 +190,26 @@ impl WallContacts {
     }
 
     /// Finds what touches. `lumen` is focused on the capsule and the present time.
-    pub(crate) fn find(
+    pub(crate) fn find<'a>(
         &mut self,
         lumen: &Lumen,
         placement: &Placement,
         wall: &Wall,
         config: &EngineConfig,
-        caps: &[Option<Cap>; 2],
+        ends: impl Iterator<Item = &'a Cap>,
     ) {
         self.contacts.clear();
         let chord = self.bends.chord(placement.station.arc_length_m);
         for ring in 0..RINGS {
             let foot = self.foot_of(ring, lumen, placement, chord.as_ref());
             self.touch_ring(ring, &foot, lumen, wall, config);
+            if ring != RINGS / 2 {
+                self.touch_taut(ring, &foot, lumen);
+            }
         }
-        self.share_adhesion(config);
+        self.share_adhesion(wall.grip * config.coulomb_newton.0);
         self.touch_backstop(lumen, placement);
-        for cap in caps.iter().flatten() {
+        for cap in ends {
             self.touch_cap(cap, placement, config);
         }
     }
@@ -288,7 +294,9 @@ impl WallContacts {
                 friction_n_s_m: 0.0,
             });
         }
-        let viscous = config.viscous_newton_s_per_m.0 * covered / RINGS as f64;
+        // A collapsed lumen lies around the capsule wherever it is: the engine sees to that.
+        let share_of_wall = if wall.collapsed { 0.0 } else { wall.grip * covered };
+        let viscous = config.viscous_newton_s_per_m.0 * share_of_wall / RINGS as f64;
         let found = &mut self.contacts[first..];
         let share = viscous / found.len().max(1) as f64;
         for contact in found {
@@ -297,22 +305,30 @@ impl WallContacts {
     }
 
     /// Shares F0 among the rings that touch, by how firmly they do.
-    fn share_adhesion(&mut self, config: &EngineConfig) {
+    fn share_adhesion(&mut self, adhesion_n: f64) {
         let grip = |contact: &Contact| (contact.penetration_m / ADHESION_ONSET_M).min(1.0);
         let sum: f64 = self.contacts.iter().map(grip).sum();
-        let unit_n = config.coulomb_newton.0 / sum.max(1.0);
+        let unit_n = adhesion_n / sum.max(1.0);
         for contact in &mut self.contacts {
             contact.adhesion_n = unit_n * grip(contact);
         }
     }
 
-    /// Beyond the compliant layer of the resting wall the tissue is taut, whatever the rings before and behind do.
+    /// Beyond the compliant layer of the resting wall the tissue is taut: an end of the capsule does not stand across the lumen.
+    fn touch_taut(&mut self, ring: usize, foot: &Foot, lumen: &Lumen) {
+        let (limit_m, slope) = taut_limit(lumen, foot.arc_length_m, self.rings.radius_m[ring]);
+        let offset_m = foot.across.norm_squared().sqrt();
+        if offset_m > limit_m {
+            let out = foot.across / offset_m;
+            self.push_taut(ring, foot, &out, offset_m - limit_m, slope, 0.0);
+        }
+    }
+
+    /// The same for the middle, whatever the rings before and behind do, and stiffer the further it goes.
     fn touch_backstop(&mut self, lumen: &Lumen, placement: &Placement) {
         let foot = Foot::at(&placement.station, &placement.centre_m, Vector3::zeros());
         let offset_m = foot.across.norm_squared().sqrt();
-        let (rest_m, rest_slope) = lumen.tract().radius.with_slope(foot.arc_length_m);
-        let play_m = rest_m - self.rings.capsule_radius_m;
-        let limit_m = play_m.max(0.0) + COMPLIANT_M;
+        let (limit_m, slope) = taut_limit(lumen, foot.arc_length_m, self.rings.capsule_radius_m);
         let (out, tautness) = if offset_m > limit_m {
             (foot.across / offset_m, (offset_m - limit_m) / TAUTER_M)
         } else {
@@ -326,14 +342,25 @@ impl WallContacts {
             (ahead / ahead_m, TAUT_IN_ADVANCE)
         };
         let penetration_m = out.dot(&foot.across) - limit_m;
-        let slope = if play_m > 0.0 { rest_slope } else { 0.0 };
+        self.push_taut(RINGS / 2, &foot, &out, penetration_m, slope, tautness);
+    }
+
+    fn push_taut(
+        &mut self,
+        ring: usize,
+        foot: &Foot,
+        out: &Vector3<f64>,
+        penetration_m: f64,
+        slope: f64,
+        tautness: f64,
+    ) {
         let push = out - foot.tangent * slope;
         let zero = Row::new(&Vector3::zeros(), &Vector3::zeros());
         self.contacts.push(Contact {
             push,
             along: Vector3::zeros(),
             around: Vector3::zeros(),
-            push_row: Row::new(&push, &Vector3::zeros()),
+            push_row: Row::new(&push, &foot.lever),
             along_row: zero,
             around_row: zero,
             penetration_m,
@@ -343,7 +370,7 @@ impl WallContacts {
             damping_n_s_m: TAUT_NEWTON_S_PER_M * (penetration_m / DAMPING_ONSET_M).clamp(0.0, 1.0),
             viscous_n_s_m: 0.0,
             adhesion_n: 0.0,
-            ring: RINGS / 2,
+            ring,
             pushes: true,
             normal_n: 0.0,
             slip_m_s: 0.0,
@@ -471,6 +498,13 @@ impl Contact {
             system.add_row(&self.around_row, weight, 0.0);
         }
     }
+}
+
+/// How far off the centre line a ring may be before the resting tissue is taut, m, and how that widens along the tract.
+fn taut_limit(lumen: &Lumen, arc_length_m: f64, ring_m: f64) -> (f64, f64) {
+    let (rest_m, rest_slope) = lumen.tract().radius.with_slope(arc_length_m);
+    let play_m = rest_m - ring_m;
+    (play_m.max(0.0) + COMPLIANT_M, if play_m > 0.0 { rest_slope } else { 0.0 })
 }
 
 /// S(y) = 3y² - 2y³, clamped.

@@ -1,0 +1,192 @@
+//! Transit times of each segment from its entrance, and of whole exams.
+//!
+//! A capsule that does not pass within the limit counts as slower than all that do: quantiles hold it, means and standard deviations are
+//! then not told. First crossing of the segment's end by the capsule's centre, at the sampling of the stage.
+
+use super::TUNED;
+use super::person::{Cohort, Passage, Posture, pass, small_bowels, span_m, stomachs};
+use crate::ReproduceError;
+use crate::context::Context;
+use crate::table::{NamedFigure, Row, Table};
+use crate::verdict::{Sense, Tolerance};
+use lumenav_anatomy::segment::SegmentKey;
+use lumenav_evaluation::summary::quantile_of_sorted;
+use lumenav_figures::{Axis, Figure, Panel, Series};
+
+const MINUTE_S: f64 = 60.0;
+const HOUR_S: f64 = 3600.0;
+
+/// Persons per segment: full and quick.
+const OESOPHAGI: (usize, usize) = (200, 30);
+const STOMACHS: (usize, usize) = (200, 3);
+const SMALL_BOWELS: (usize, usize) = (200, 1);
+const COLONS: (usize, usize) = (20, 0);
+const EXAMS: (usize, usize) = (10, 0);
+
+/// Longest passages that are waited for, s.
+const OESOPHAGUS_LIMIT_S: f64 = 600.0;
+const COLON_LIMIT_S: f64 = 72.0 * HOUR_S;
+const EXAM_LIMIT_S: f64 = 96.0 * HOUR_S;
+
+/// Transit times of one stage.
+struct Stage {
+    name: &'static str,
+    unit: &'static str,
+    /// Sorted, in `unit`; infinite where the limit came first.
+    times: Vec<f64>,
+}
+
+impl Stage {
+    fn new(name: &'static str, unit: &'static str, unit_s: f64, passages: &[Passage]) -> Self {
+        let mut times: Vec<f64> =
+            passages.iter().map(|p| p.duration_s.map_or(f64::INFINITY, |s| s / unit_s)).collect();
+        times.sort_by(f64::total_cmp);
+        Self { name, unit, times }
+    }
+
+    fn mean(&self) -> f64 {
+        self.times.iter().sum::<f64>() / self.times.len() as f64
+    }
+
+    fn deviation(&self) -> f64 {
+        let mean = self.mean();
+        let squares: f64 = self.times.iter().map(|t| (t - mean).powi(2)).sum();
+        (squares / (self.times.len() as f64 - 1.0)).sqrt()
+    }
+
+    fn row(&self, what: &str, value: f64, published: f64, tolerance: Tolerance) -> Row {
+        let quantity = format!("{}, {what}", self.name);
+        let row = Row::new(quantity, self.unit, Some(published)).ours("lumenav", value);
+        row.judged("lumenav", Sense::Match, tolerance, "")
+    }
+
+    /// A quantile, which may lie among those that did not pass.
+    fn quantile(&self, p: f64) -> f64 {
+        quantile_of_sorted(&self.times, p).filter(|q| !q.is_nan()).unwrap_or(f64::INFINITY)
+    }
+
+    fn unfinished(&self) -> Row {
+        let count = self.times.iter().filter(|t| t.is_infinite()).count();
+        let quantity = format!("{}, not passed within the limit, of {}", self.name, self.times.len());
+        Row::new(quantity, "", Some(0.0)).ours("lumenav", count as f64).judged(
+            "lumenav",
+            Sense::LowerIsBetter,
+            Tolerance::Absolute(0.02 * self.times.len() as f64),
+            "the sources tell of people whose capsule passed",
+        )
+    }
+
+    /// Slowest passage, for the reader.
+    fn worst(&self) -> Row {
+        let row = Row::new(format!("{}, slowest", self.name), self.unit, None);
+        row.ours("lumenav", self.times.last().copied().unwrap_or(f64::NAN))
+            .not_comparable("the sources tell none")
+    }
+}
+
+/// Runs it.
+pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
+    let cohort = Cohort::open(context)?;
+    table.set(
+        "persons",
+        "small woman, average man, large man in turn; each a trial of the seed with motility of its own",
+    );
+    table.set("capsule", "11 x 26 mm, 3.3 g, starts 20 mm behind the segment's entrance, fasted, upright unless the row says else");
+    table.set("tuned", TUNED);
+    let count = |(full, quick): (usize, usize)| context.size.pick(full, quick);
+    let upright = oesophagi(context, &cohort, Posture::Upright, count(OESOPHAGI))?;
+    let supine = oesophagi(context, &cohort, Posture::Supine, count(OESOPHAGI))?;
+    let stomach = Stage::new("stomach", "min", MINUTE_S, &stomachs(context, &cohort, count(STOMACHS))?);
+    let bowel =
+        Stage::new("small bowel", "min", MINUTE_S, &small_bowels(context, &cohort, count(SMALL_BOWELS))?);
+    oesophagus_rows(&mut table, &upright, &supine);
+    if context.size.pick(true, false) {
+        quartile_rows(&mut table, &stomach, [10.0, 22.0, 48.0], [0.35 * 10.0, 7.0, 0.35 * 48.0]);
+        quartile_rows(&mut table, &bowel, [157.0, 198.0, 240.0], [0.2 * 157.0, 25.0, 0.2 * 240.0]);
+        let colon = stage_to_the_end(context, &cohort, "colon", SegmentKey::Caecum, COLONS.0, COLON_LIMIT_S)?;
+        // 16 to 29 h: the middle of it and half of its width.
+        table.rows.push(colon.row("median", colon.quantile(0.5), 22.5, Tolerance::Absolute(6.5)));
+        table.rows.extend([colon.unfinished(), colon.worst()]);
+        let exam =
+            stage_to_the_end(context, &cohort, "whole exam", SegmentKey::Oesophagus, EXAMS.0, EXAM_LIMIT_S)?;
+        let row = Row::new("whole exam, median", "h", None).ours("lumenav", exam.quantile(0.5));
+        table.rows.push(row.not_comparable("the sum of the segments is no row of a source"));
+        table.rows.extend([exam.unfinished(), exam.worst()]);
+        table.figures.push(figure(&[&upright, &supine, &stomach, &bowel, &colon])?);
+    } else {
+        for stage in [&stomach, &bowel] {
+            let row = Row::new(format!("{}, median of {}", stage.name, stage.times.len()), stage.unit, None);
+            table.rows.push(row.ours("lumenav", stage.quantile(0.5)).not_comparable("a few persons"));
+        }
+        table.note("colon and whole exams are left out");
+    }
+    Ok(table)
+}
+
+fn oesophagi(
+    context: &Context<'_>,
+    cohort: &Cohort,
+    posture: Posture,
+    persons: usize,
+) -> Result<Stage, ReproduceError> {
+    let name = if posture == Posture::Upright { "oesophagus upright" } else { "oesophagus supine" };
+    let passages = context.jobs(name, persons, |person| {
+        let mut engine = cohort.engine(person, posture, SegmentKey::Oesophagus)?;
+        let [_, end_m] = span_m(engine.tract(), SegmentKey::Oesophagus, SegmentKey::Oesophagus);
+        Ok(pass(&mut engine, end_m, OESOPHAGUS_LIMIT_S, 0.05))
+    })?;
+    Ok(Stage::new(name, "s", 1.0, &passages))
+}
+
+fn stage_to_the_end(
+    context: &Context<'_>,
+    cohort: &Cohort,
+    name: &'static str,
+    start: SegmentKey,
+    persons: usize,
+    limit_s: f64,
+) -> Result<Stage, ReproduceError> {
+    let passages = context.jobs(name, persons, |person| {
+        let mut engine = cohort.engine(person, Posture::Upright, start)?;
+        Ok(pass(&mut engine, f64::INFINITY, limit_s, 10.0))
+    })?;
+    Ok(Stage::new(name, "h", HOUR_S, &passages))
+}
+
+fn oesophagus_rows(table: &mut Table, upright: &Stage, supine: &Stage) {
+    table.rows.push(upright.row("mean", upright.mean(), 5.2, Tolerance::Absolute(1.0)));
+    // 0.5 to 2 s and 5 to 14 s: the middle of it and half of its width.
+    table.rows.push(upright.row("standard deviation", upright.deviation(), 1.25, Tolerance::Absolute(0.75)));
+    table.rows.push(supine.row("mean", supine.mean(), 23.6, Tolerance::Absolute(4.0)));
+    table.rows.push(supine.row("standard deviation", supine.deviation(), 9.5, Tolerance::Absolute(4.5)));
+    table.rows.extend([upright.unfinished(), upright.worst(), supine.unfinished(), supine.worst()]);
+}
+
+fn quartile_rows(table: &mut Table, stage: &Stage, published: [f64; 3], tolerances: [f64; 3]) {
+    let names = ["first quartile", "median", "third quartile"];
+    for (k, name) in names.iter().enumerate() {
+        let ours = stage.quantile(0.25 * (k + 1) as f64);
+        table.rows.push(stage.row(name, ours, published[k], Tolerance::Absolute(tolerances[k])));
+    }
+    table.rows.extend([stage.unfinished(), stage.worst()]);
+}
+
+fn figure(stages: &[&Stage]) -> Result<NamedFigure, ReproduceError> {
+    let published: [&[(f64, f64)]; 5] = [
+        &[(5.2, 0.5)],
+        &[(23.6, 0.5)],
+        &[(10.0, 0.25), (22.0, 0.5), (48.0, 0.75)],
+        &[(157.0, 0.25), (198.0, 0.5), (240.0, 0.75)],
+        &[(16.0, 0.5), (29.0, 0.5)],
+    ];
+    let panels = stages.iter().zip(published).map(|(stage, published)| {
+        let passed: Vec<f64> = stage.times.iter().copied().filter(|t| t.is_finite()).collect();
+        let time = Axis::linear(&format!("transit time ({})", stage.unit));
+        Panel::new(time, Axis::linear("share of persons").at_least(0.0, 1.0))
+            .titled(stage.name)
+            .with(Series::published("published").points(published))
+            .with(Series::ours(0, "lumenav").line(0).distribution(&passed))
+    });
+    let svg = Figure::grid(panels.collect(), 3).to_svg()?;
+    Ok(NamedFigure { name: String::new(), svg })
+}

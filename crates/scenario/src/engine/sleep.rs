@@ -1,0 +1,97 @@
+//! Sleep: a capsule that rests where the wall stands still is not stepped.
+//!
+//! In phase I of the small bowel nothing contracts for three quarters of an hour. A capsule whose surface has moved slower than
+//! [`SLEEPING_M_S`] for [`SLEEPY_FOR_S`] is put to rest (no velocity) and left there until a wave comes within reach
+//! ([`lumenav_anatomy::lumen::Lumen::still_until_s`]), gravity turns or the wrench changes. What this leaves out is the creep of the
+//! regularised friction, microns per second at most, which no real friction has.
+//!
+//! Waking depends on the motility and the capsule's place alone, so that steps and jumps end in the same bits.
+
+use super::Engine;
+use super::system::Twist;
+use lumenav_core::SimTime;
+use nalgebra::Vector3;
+
+/// Speed of the fastest point of the capsule's surface below which it is taken to rest, m/s.
+const SLEEPING_M_S: f64 = 1e-5;
+/// For so long, s.
+const SLEEPY_FOR_S: f64 = 1.0;
+
+/// Whether the capsule sleeps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sleep {
+    /// Steps that it has rested, up to the number that makes it sleep.
+    pub(super) rested_steps: u64,
+    /// When the wall has to be looked at again, s; `None` while awake.
+    pub(super) until_s: Option<f64>,
+}
+
+impl Sleep {
+    pub(super) const AWAKE: Self = Self { rested_steps: 0, until_s: None };
+}
+
+impl Engine {
+    /// Called after a step that ended at `time_s`: counts rest, and falls asleep when there was enough of it.
+    pub(super) fn doze(&mut self, time_s: f64) {
+        let spin = self.body.pose().rotation.inverse() * self.body.twist().angular;
+        let surface_m_s = self.fastest_end_m_s() + spin.x.abs() * self.capsule.radius_m;
+        let rests = self.config.sleep && !self.left && surface_m_s < SLEEPING_M_S;
+        self.sleep.rested_steps = if rests { self.sleep.rested_steps + 1 } else { 0 };
+        if self.sleep.rested_steps as f64 * self.step_s < SLEEPY_FOR_S {
+            return;
+        }
+        let until_s = self.lumen.still_until_s(self.station.arc_length_m, self.contacts.rings().reach_m());
+        if until_s > time_s {
+            self.sleep.until_s = Some(until_s);
+            self.body.set_twist(&Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
+            let pose = self.body.pose();
+            self.specific_force_capsule_m_s2 = pose.rotation.inverse() * -self.gravity_torso_m_s2;
+        }
+    }
+
+    /// Whether the step that starts at `time_s` is slept through; wakes where the wall is about to move.
+    pub(super) fn sleeps_through(&mut self, time_s: f64) -> bool {
+        let Some(until_s) = self.sleep.until_s else { return false };
+        self.lumen.advance_to(time_s);
+        if time_s < until_s {
+            return true;
+        }
+        let until_s = self.lumen.still_until_s(self.station.arc_length_m, self.contacts.rings().reach_m());
+        self.sleep.until_s = (until_s > time_s).then_some(until_s);
+        if self.sleep.until_s.is_none() {
+            self.sleep = Sleep::AWAKE;
+        }
+        self.sleep.until_s.is_some()
+    }
+
+    /// While it sleeps or has left: the last step up to `last_step` before which nothing can happen. The present one otherwise.
+    pub(super) fn undisturbed_until(&self, last_step: u64) -> u64 {
+        if self.left {
+            return last_step;
+        }
+        let Some(until_s) = self.sleep.until_s else { return self.step_index };
+        let before_waking = self.first_step_at(until_s);
+        let before_telling =
+            self.watch.next(&self.config).map_or(u64::MAX, |at| self.last_step_at(SimTime(at.0 - 1)));
+        before_waking.min(before_telling).min(last_step).max(self.step_index)
+    }
+
+    /// Index of the first step that starts at `time_s` or later.
+    fn first_step_at(&self, time_s: f64) -> u64 {
+        if !time_s.is_finite() {
+            return u64::MAX;
+        }
+        let mut index = (time_s / self.step_s).max(0.0) as u64;
+        while index as f64 * self.step_s < time_s {
+            index += 1;
+        }
+        index
+    }
+
+    /// Number of the last step that ends at or before `time`.
+    pub(super) fn last_step_at(&self, time: SimTime) -> u64 {
+        // Step n ends at floor(n 1e9 / rate), which is at or before t if n 1e9 < (t + 1) rate.
+        let bound = u128::try_from(time.0 + 1).unwrap_or(0) * u128::from(self.config.step_rate_hz);
+        (bound.div_ceil(1_000_000_000).max(1) - 1) as u64
+    }
+}
