@@ -691,3 +691,35 @@ fn law_periods_are_told_below_the_table() {
     let table = run().out(&folder.path().join("two")).arg("--trials").arg("2").ok();
     assert!(table.contains(", late: mean ") && table.contains("(worst trial "), "{table}");
 }
+
+#[test]
+fn law_a_generated_gut_is_one_that_the_statistics_command_knows_and_a_wrong_word_is_refused() {
+    let folder = scratch();
+    let gut = folder.path().join("gut.toml");
+    let made =
+        said(&["models", "generate", "tract", "--size", "average-man", "--seed", "1", "--out", path(&gut)]);
+    assert!(made.contains("gut.toml"), "{made}");
+    // But for its first line, which tells the command, the shipped gut of this seed.
+    let without_head = |file: &Path| -> String {
+        let text = std::fs::read_to_string(file).expect("it was written");
+        text.split_once('\n').map(|(_, rest)| rest.to_owned()).expect("more than a line")
+    };
+    assert!(without_head(&gut) == without_head(&root().join("models/tracts/whole-gut-average-man.toml")));
+    assert!(said(&["models", "statistics", path(&gut)]).contains("30 of 30"));
+    let again = ["models", "generate", "tract", "--out", path(&gut)];
+    assert!(complained(&again, 1).contains("exists already"));
+    let other = folder.path().join("other.toml");
+    let said = complained(&["models", "generate", "tract", "--size", "giant", "--out", path(&other)], 2);
+    assert!(said.contains("small-woman"), "{said}");
+    assert!(!other.exists());
+}
+
+#[test]
+fn law_what_is_no_surface_is_not_imported() {
+    let folder = scratch();
+    let (surface, out) = (folder.path().join("surface.stl"), folder.path().join("tract.toml"));
+    std::fs::write(&surface, "no surface").expect("a file can be written");
+    let said = complained(&["models", "import", path(&surface), "--out", path(&out)], 3);
+    assert!(said.contains("surface.stl"), "{said}");
+    assert!(!out.exists());
+}

@@ -253,6 +253,12 @@ pub struct ReproduceOptions {
     pub models: Option<PathBuf>,
 }
 
+fn body_sizes() -> clap::builder::PossibleValuesParser {
+    clap::builder::PossibleValuesParser::new(
+        lumenav::anatomy::generator::BodySize::ALL.map(|size| size.as_str()),
+    )
+}
+
 fn reproduction_ids() -> clap::builder::PossibleValuesParser {
     clap::builder::PossibleValuesParser::new(lumenav::reproduce::all().into_iter().map(|r| r.id))
 }
@@ -376,8 +382,8 @@ pub enum GenerateCommand {
 /// A tract from a seed.
 #[derive(Debug, Args)]
 pub struct GenerateTract {
-    /// The torso: small-woman, average-man, large-man.
-    #[arg(long, default_value = "average-man")]
+    /// The torso.
+    #[arg(long, default_value = "average-man", value_parser = body_sizes())]
     pub size: String,
     /// The seed; the same seed gives the same file.
     #[arg(long, default_value_t = 1)]
@@ -407,11 +413,11 @@ pub struct ImportTract {
     /// Metres per unit of the surface's file: 0.001 where it is in millimetres.
     #[arg(long, default_value_t = 1.0)]
     pub factor: f64,
-    /// Which way its axes point: ras or lps.
-    #[arg(long)]
+    /// Which way its axes point.
+    #[arg(long, value_parser = ["ras", "lps"])]
     pub axes: Option<String>,
-    /// What it shows, where length and radius do not tell: small-bowel or colon.
-    #[arg(long)]
+    /// What it shows, where length and radius do not tell.
+    #[arg(long, value_parser = ["small-bowel", "colon"])]
     pub organ: Option<String>,
     /// The tract's name; the file's otherwise.
     #[arg(long)]

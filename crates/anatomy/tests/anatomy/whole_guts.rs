@@ -124,7 +124,7 @@ fn regress_committed_guts_are_what_their_seed_makes() {
         let name = format!("whole-gut-{}", size.as_str());
         let committed = std::fs::read_to_string(models().join(format!("{name}.toml"))).unwrap();
         let made_by = format!(
-            "cargo run --release -p lumenav-anatomy --example generate_gut -- {} {SEED}",
+            "lumenav models generate tract --size {} --seed {SEED} --out models/tracts/{name}.toml",
             size.as_str()
         );
         assert!(tract_file_text(&make(size, SEED).draft, &made_by) == committed, "{name} differs");
