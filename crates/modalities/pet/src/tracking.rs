@@ -41,6 +41,7 @@ mod membership;
 pub mod mixture;
 pub mod noise;
 pub mod points;
+mod quad;
 pub mod rigid;
 pub mod thompson;
 pub mod window;
