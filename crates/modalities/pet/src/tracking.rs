@@ -39,6 +39,7 @@ mod lanes;
 pub mod likelihood;
 mod membership;
 pub mod mixture;
+mod nearest;
 pub mod noise;
 pub mod points;
 mod quad;

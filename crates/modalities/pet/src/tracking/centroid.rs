@@ -66,7 +66,7 @@ struct Look {
     sum_m: f64,
     /// Lines beyond this are in [`Self::far`], m.
     limit_m: f64,
-    /// Far lines that are still in, and their distances, m.
+    /// Far lines that are still in, and their distances, furthest first, m.
     far: Vec<(usize, f64)>,
 }
 
@@ -75,7 +75,7 @@ impl Look {
     fn remove(&mut self, line: usize, last: usize) {
         let far = &mut self.far;
         if let Some(at) = far.iter().position(|(known, _)| *known == line) {
-            self.sum_m -= far.swap_remove(at).1;
+            self.sum_m -= far.remove(at).1;
         }
         if let Some(moved) = far.iter_mut().find(|(known, _)| *known == last) {
             moved.0 = line;
@@ -231,16 +231,17 @@ impl Centroid {
                 }
             }
         }
+        self.look.far.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
     }
 
     /// Of the lines that were far at the last look, the furthest from a point now, and its distance, m.
     fn furthest(&self, centre: &Vector3<f64>) -> Option<(usize, f64)> {
         let moved_m = (centre - self.look.centre_m).norm();
         let far = &self.look.far;
-        let top_m = far.iter().map(|(_, distance_m)| *distance_m).fold(0.0, f64::max);
         // A line that was nearer than this has not overtaken the top.
+        let least_m = far.first()?.1 - 2.0 * moved_m;
         far.iter()
-            .filter(|(_, distance_m)| *distance_m >= top_m - 2.0 * moved_m)
+            .take_while(|(_, distance_m)| *distance_m >= least_m)
             .map(|(line, _)| (*line, distance_m(&ray(&self.kept, *line), centre)))
             .max_by(|a, b| a.1.total_cmp(&b.1))
     }

@@ -124,9 +124,10 @@ impl<const J: usize> Kernel for Loop<'_, J> {
         }
         let none = Sums { members: zero, weight: zero, side: [zero; 3], matrix: [zero; 6] };
         let (mut sums, mut cost) = ([none; J], zero);
+        let nothing = Pack { squared: [zero; J], roots: [zero; J], own: [zero; J], total: all(1.0) };
+        // Behind the end of the last chunk are packs of the one before, which nobody looks at.
+        let mut packs = [nothing; CHUNK];
         for rays in self.rays.chunks(CHUNK) {
-            let mut packs =
-                [Pack { squared: [zero; J], roots: [zero; J], own: [zero; J], total: all(1.0) }; CHUNK];
             for (pack, r) in packs.iter_mut().zip(rays) {
                 *pack = Pack::new(unit, r, &placed);
             }
