@@ -1,7 +1,7 @@
 //! The fastest mode, for long and many runs: aimed photons, the blocks' response and backgrounds from tables.
 //!
 //! True and scattered lines of which one photon is direct are made as in [`super::forced`], but the response comes from
-//! [`super::response`] and its largest acceptance thins the draws before anything is computed. The rest (lines with a prompt gamma,
+//! [`super::response`], and the largest acceptances of both photons thin the draws before anything is computed. The rest (lines with a prompt gamma,
 //! lines without a direct photon, singles for random lines) comes from [`super::tables`], a grid over the marker's place. A node is chosen
 //! with its trilinear weight, so rates and lines are interpolated linearly.
 //!
@@ -129,8 +129,9 @@ impl Tabulated {
     ) {
         let detectors = &physics.detectors;
         let photons = 2.0 * decays * physics.positrons_per_decay[marker] * unprompted;
-        let most = self.tables.response.most_at_511;
-        let draws = super::poisson(photons * self.aim.draws_per_photon() * most, random);
+        let response = &self.tables.response;
+        let (most, most_of_other) = (response.most_at_511(), response.most());
+        let draws = super::poisson(photons * self.aim.draws_per_photon() * most * most_of_other, random);
         for number in 0..draws {
             let after_s = window.duration_s * random.random::<f64>();
             let place_m = paths.at(marker, after_s);
@@ -148,6 +149,11 @@ impl Tabulated {
             let Some(scatterings) = physics.body.leave_along(&mut second, backwards_m, random) else {
                 continue;
             };
+            // All energies were thinned alike; now that this one is known, it is to its own largest acceptance.
+            let given = response.most_at(second.energy_ev);
+            if random.random::<f64>() * most_of_other >= given {
+                continue;
+            }
             let Some((other_block, near_m)) = detectors.first_block(&second, &[]) else { continue };
             second.advance(near_m);
             let mut first = Photon::emitted(place_m, direction, ANNIHILATION_EV);
@@ -161,9 +167,9 @@ impl Tabulated {
             let mut placed = |block: usize, mut photon: Photon, given: f64| {
                 photon.place_m += offset_m;
                 let local = detectors.to_block(block, &photon).on_face();
-                self.tables.response.draw(&local, given, random)
+                response.draw(&local, given, random)
             };
-            let (Some(at_b), Some(at_a)) = (placed(other_block, second, 1.0), placed(block, first, most))
+            let (Some(at_b), Some(at_a)) = (placed(other_block, second, given), placed(block, first, most))
             else {
                 continue;
             };

@@ -16,11 +16,11 @@
 //! `Σ d² = Σ f² - 2 c·Σ f + cᵀ Σ (I - nnᵀ) c`. Where the furthest line is beyond the largest limit that this leaves, the test drops it.
 
 use super::failure::Failure;
-use super::lanes::{Four, LANES, Three, dot, splat3, three};
+use super::lanes::{Four, LANES, Three, three};
+use super::quad::{Kernel, Quad, Quads, Unit, dispatch, dot, quads, splat3};
 use super::thompson;
 use super::window::{FEWEST_LINES, Rays, Window};
 use nalgebra::{Matrix3, Vector3};
-use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 /// How lines weigh in the centroid.
@@ -162,7 +162,7 @@ impl Centroid {
         self.places.extend(0..window.len() as u32);
         self.distances_m.clear();
         self.distances_m.resize(self.kept.len(), Four::ZERO);
-        self.sums = Arch::new().dispatch(SumsOf(&self.kept));
+        self.sums = dispatch(SumsOf(&self.kept));
     }
 
     /// The last line takes the place of line `k`.
@@ -263,7 +263,7 @@ impl Centroid {
     fn spread(&mut self, centre: &Vector3<f64>) -> Spread {
         let count = self.places.len();
         let out = &mut self.distances_m[..self.kept.len()];
-        let (sum_m, squares_m2) = Arch::new().dispatch(DistancesFrom { kept: &self.kept, centre, out });
+        let (sum_m, squares_m2) = dispatch(DistancesFrom { kept: &self.kept, centre, out });
         let mean_m = sum_m / count as f64;
         Spread { mean_m, sigma_m: variance(squares_m2, mean_m, count).sqrt() }
     }
@@ -281,52 +281,54 @@ struct DistancesFrom<'a> {
     out: &'a mut [Four],
 }
 
-impl WithSimd for DistancesFrom<'_> {
+impl Kernel for DistancesFrom<'_> {
     type Output = (f64, f64);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let centre = splat3(self.centre);
-        let (mut sum, mut squares) = (Four::ZERO, Four::ZERO);
-        for (rays, out) in self.kept.iter().zip(self.out) {
-            let v: Three = three!(i => rays.foot_m[i] - centre[i]);
-            let along = dot(&v, &rays.direction);
-            let squared = (dot(&v, &v) - along * along).max(Four::ZERO) * rays.filled;
+    fn run<S: Unit>(self, unit: S) -> Self::Output {
+        let (zero, centre) = (Quad::splat(unit, 0.0), splat3(unit, self.centre));
+        let (mut sum, mut squares) = (zero, zero);
+        for (r, out) in self.kept.iter().zip(self.out) {
+            let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+            let v: Quads<S> = three!(i => foot[i] - centre[i]);
+            let along = dot(&v, &n);
+            let squared = along.mul_sub_from(along, dot(&v, &v)).max(zero) * Quad::of(unit, r.filled);
             let distance = squared.sqrt();
-            *out = distance;
+            *out = distance.four();
             sum += distance;
             squares += squared;
         }
-        (sum.sum(), squares.sum())
+        (sum.four().sum(), squares.four().sum())
     }
 }
 
 struct SumsOf<'a>(&'a [Rays]);
 
-impl WithSimd for SumsOf<'_> {
+impl Kernel for SumsOf<'_> {
     type Output = Sums;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Sums {
-        let mut outer = [Four::ZERO; 6];
-        let mut side = [Four::ZERO; 3];
-        let (mut count, mut squares) = (Four::ZERO, Four::ZERO);
+    fn run<S: Unit>(self, unit: S) -> Sums {
+        let zero = Quad::splat(unit, 0.0);
+        let (mut outer, mut side, mut count, mut squares) = ([zero; 6], [zero; 3], zero, zero);
         for r in self.0 {
-            let n = &r.direction;
+            let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+            let filled = Quad::of(unit, r.filled);
             let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
             for (sum, (i, j)) in outer.iter_mut().zip(pairs) {
-                *sum += n[i] * n[j] * r.filled;
+                *sum = (n[i] * filled).mul_add(n[j], *sum);
             }
             for i in 0..3 {
-                side[i] += r.foot_m[i] * r.filled;
+                side[i] = foot[i].mul_add(filled, side[i]);
             }
-            count += r.filled;
-            squares += dot(&r.foot_m, &r.foot_m) * r.filled;
+            count += filled;
+            squares = dot(&foot, &foot).mul_add(filled, squares);
         }
         Sums {
-            matrix: Matrix3::identity() * count.sum() - super::likelihood::symmetric(&outer),
-            side_m: Vector3::from(side.map(Four::sum)),
-            squares_m2: squares.sum(),
+            matrix: Matrix3::identity() * count.four().sum()
+                - super::likelihood::symmetric(&outer.map(Quad::four)),
+            side_m: Vector3::from(side.map(|s| s.four().sum())),
+            squares_m2: squares.four().sum(),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Four numbers side by side: how the trackers' loops keep lines, and the arithmetic of all but the longest of them ([`super::quad`]).
 //!
-//! Loops run over packs of four lines inside `pulp::Arch::dispatch`, which compiles them for the processor's vector unit. Only
+//! Loops run over packs of four lines inside `pulp::Arch::dispatch` or [`super::quad::dispatch`], which compiles them for the processor's vector unit. Only
 //! operations that IEEE 754 rounds exactly are used (fused multiply-add among them, written out: the compiler makes none of its own),
 //! and sums are always kept in four partial sums added in one order: the same bytes on every processor.
 //!

@@ -137,36 +137,38 @@ impl Purpose for OfPoints {
 /// More markers than this are not read from a file.
 pub(crate) const MAX_MARKERS: usize = 32;
 
-/// One pass over a window.
+/// One pass over a window; tells each marker's sums.
 pub(crate) fn pass<P: Purpose>(
     shapes: &[Shapes],
     placed: &[Placed],
     background: f64,
-    of_marker: &mut [MarkerSums],
+    tell: impl FnMut(&Placed, &MarkerSums),
 ) -> Sums {
     /// A loop for a fixed number of markers; empty places have no weight.
     fn fixed<P: Purpose, const J: usize>(
         shapes: &[Shapes],
         placed: &[Placed],
         background: f64,
-        of_marker: &mut [MarkerSums],
+        mut tell: impl FnMut(&Placed, &MarkerSums),
     ) -> Sums {
         let mut all = [Placed::default(); J];
         let used = placed.len().min(J);
         all[..used].copy_from_slice(&placed[..used]);
         let loops = Loop::<P, J> { shapes, placed: &all, background, purpose: PhantomData };
         let (sums, marker_sums) = dispatch(loops);
-        of_marker[..used].copy_from_slice(&marker_sums[..used]);
+        for (placed, sums) in placed.iter().zip(&marker_sums) {
+            tell(placed, sums);
+        }
         sums
     }
     match placed.len() {
-        0..=1 => fixed::<P, 1>(shapes, placed, background, of_marker),
-        2 => fixed::<P, 2>(shapes, placed, background, of_marker),
-        3 => fixed::<P, 3>(shapes, placed, background, of_marker),
-        4 => fixed::<P, 4>(shapes, placed, background, of_marker),
-        5..=6 => fixed::<P, 6>(shapes, placed, background, of_marker),
-        7..=12 => fixed::<P, 12>(shapes, placed, background, of_marker),
-        _ => fixed::<P, MAX_MARKERS>(shapes, placed, background, of_marker),
+        0..=1 => fixed::<P, 1>(shapes, placed, background, tell),
+        2 => fixed::<P, 2>(shapes, placed, background, tell),
+        3 => fixed::<P, 3>(shapes, placed, background, tell),
+        4 => fixed::<P, 4>(shapes, placed, background, tell),
+        5..=6 => fixed::<P, 6>(shapes, placed, background, tell),
+        7..=12 => fixed::<P, 12>(shapes, placed, background, tell),
+        _ => fixed::<P, MAX_MARKERS>(shapes, placed, background, tell),
     }
 }
 
@@ -349,13 +351,12 @@ impl Likelihood {
     pub fn evaluate(&self, window: &Window, pose: &Isometry3<f64>, weights: &Weights, out: &mut Evaluation) {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
-        let mut of_marker = [MarkerSums::default(); MAX_MARKERS];
-        let sums = pass::<OfPose>(&window.shapes, &placed[..used], weights.background, &mut of_marker);
         let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
         let (mut pp, mut pr, mut rr) = (Matrix3::zeros(), Matrix3::zeros(), Matrix3::zeros());
-        out.lines_of_marker.clear();
-        for (m, p) in of_marker[..used].iter().zip(&placed) {
-            out.lines_of_marker.push(m.lines.sum());
+        let lines_of_marker = &mut out.lines_of_marker;
+        lines_of_marker.clear();
+        let sums = pass::<OfPose>(&window.shapes, &placed[..used], weights.background, |p, m| {
+            lines_of_marker.push(m.lines.sum());
             let f = Vector3::from(m.force.map(Four::sum));
             let (c, k, a) = (symmetric(&m.curvature), skew(&p.arm_m), p.arm_m);
             force += f;
@@ -365,7 +366,7 @@ impl Likelihood {
             pr -= c * k;
             rr -= k * c * k;
             rr -= (f * a.transpose() + a * f.transpose()) * 0.5 - Matrix3::identity() * a.dot(&f);
-        }
+        });
         let mut information = Matrix6::zeros();
         information.fixed_view_mut::<3, 3>(0, 0).copy_from(&pp);
         information.fixed_view_mut::<3, 3>(0, 3).copy_from(&pr);

@@ -124,19 +124,23 @@ impl<const J: usize> Kernel for Loop<'_, J> {
         }
         let none = Sums { members: zero, weight: zero, side: [zero; 3], matrix: [zero; 6] };
         let (mut sums, mut cost) = ([none; J], zero);
-        let nothing = Pack { squared: [zero; J], roots: [zero; J], own: [zero; J], total: all(1.0) };
+        let nothing = Pack { squared: [zero; J], roots: [zero; J], own: [zero; J], total: zero, root: zero };
         // Behind the end of the last chunk are packs of the one before, which nobody looks at.
         let mut packs = [nothing; CHUNK];
         for rays in self.rays.chunks(CHUNK) {
             for (pack, r) in packs.iter_mut().zip(rays) {
                 *pack = Pack::new(unit, r, &placed);
             }
-            let mut roots = [zero; CHUNK];
-            for (root, pack) in roots.iter_mut().zip(&packs) {
-                *root = pack.total.inverse_fifth_root();
+            for pack in &mut packs[..rays.len()] {
+                pack.root = pack.total.inverse_fifth_root();
             }
-            for ((pack, root), r) in packs.iter().zip(roots).zip(rays) {
-                cost += pack.share_out(unit, root, r, &placed, &mut sums);
+            // Marker by marker: one's sums have room in the registers.
+            for k in 0..J {
+                let mut of_marker = sums[k];
+                for (pack, r) in packs.iter().zip(rays) {
+                    cost += pack.share_out(unit, k, r, &placed[k], &mut of_marker);
+                }
+                sums[k] = of_marker;
             }
         }
         (cost.four().sum(), sums.map(|s| s.map(Quad::four)))
@@ -154,6 +158,8 @@ struct Pack<S: Unit, const J: usize> {
     own: [Quad<S>; J],
     /// t, the sum of these.
     total: Quad<S>,
+    /// t^(-1/5), r.
+    root: Quad<S>,
 }
 
 impl<S: Unit, const J: usize> Pack<S, J> {
@@ -173,35 +179,29 @@ impl<S: Unit, const J: usize> Pack<S, J> {
             own[k] = placed[k].share * root * (square * square);
             total += own[k];
         }
-        Self { squared, roots, own, total }
+        Self { squared, roots, own, total, root: zero }
     }
 
-    /// Adds to the sums; with `root` = t^(-1/5), r: u = f y⁵ r⁵ and u^q = f^q (y r)⁸. The cost.
+    /// Adds to the sums of a marker: u = f y⁵ r⁵ and u^q = f^q (y r)⁸. The cost.
     #[inline(always)]
     fn share_out(
         &self,
         unit: S,
-        root: Quad<S>,
+        k: usize,
         r: &Rays,
-        placed: &[Spread<S>; J],
-        sums: &mut [Sums<Quad<S>>; J],
+        placed: &Spread<S>,
+        sums: &mut Sums<Quad<S>>,
     ) -> Quad<S> {
-        let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
         let (zero, reach) = (Quad::splat(unit, 0.0), Quad::splat(unit, REACH_M * REACH_M));
-        let (square, filled) = (root * root, Quad::of(unit, r.filled));
-        let inverse = square * square * root;
-        let mut cost = zero;
-        for k in 0..J {
-            let inside = self.squared[k].less_select(reach, filled, zero);
-            let z = self.roots[k] * root;
-            let z2 = z * z;
-            let z4 = z2 * z2;
-            let w = placed[k].powered * (z4 * z4) * inside;
-            cost = w.mul_add(self.squared[k], cost);
-            sums[k].members = (self.own[k] * inverse).mul_add(inside, sums[k].members);
-            sums[k].add(w, &n, &foot);
-        }
-        cost
+        let inside = self.squared[k].less_select(reach, Quad::of(unit, r.filled), zero);
+        let square = self.root * self.root;
+        sums.members = (self.own[k] * inside).mul_add(square * square * self.root, sums.members);
+        let z = self.roots[k] * self.root;
+        let z2 = z * z;
+        let z4 = z2 * z2;
+        let w = placed.powered * (z4 * z4) * inside;
+        sums.add(w, &quads(unit, &r.direction), &quads(unit, &r.foot_m));
+        w * self.squared[k]
     }
 }
 

@@ -166,6 +166,11 @@ impl<S: Unit> Quad<S> {
     }
 
     #[inline(always)]
+    pub(crate) fn sqrt(self) -> Self {
+        Self { value: self.unit.sqrt_f64s(self.value), ..self }
+    }
+
+    #[inline(always)]
     pub(crate) fn max(self, other: Self) -> Self {
         Self { value: self.unit.max_f64s(self.value, other.value), ..self }
     }
