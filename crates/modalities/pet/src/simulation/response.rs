@@ -174,14 +174,14 @@ impl Response {
         self.most[ENERGIES - 1]
     }
 
-    /// The largest acceptance of all.
-    pub fn most(&self) -> f64 {
-        self.most.iter().copied().fold(0.0, f64::max)
-    }
-
     /// The largest acceptance at an energy.
     pub fn most_at(&self, energy_ev: f64) -> f64 {
         self.most[self.energy(energy_ev)]
+    }
+
+    /// The largest acceptance at an energy or below.
+    pub fn most_up_to(&self, energy_ev: f64) -> f64 {
+        self.most[..=self.energy(energy_ev)].iter().copied().fold(0.0, f64::max)
     }
 
     /// The cell over energy.
