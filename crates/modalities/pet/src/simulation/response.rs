@@ -63,6 +63,8 @@ pub(super) struct Response {
     grid: CrystalGrid,
     kill_ev: f64,
     cells: Vec<Cell>,
+    /// Cosines of the angles between cells.
+    cosines: [f64; ANGLES - 1],
     /// The largest acceptance of each energy.
     most: [f64; ENERGIES],
 }
@@ -71,7 +73,9 @@ impl Response {
     /// Makes the table; the same for the same scanner and scintillator.
     pub fn new(scanner: &Scanner, physics: &BlockPhysics, kill_ev: f64) -> Self {
         let streams = RandomStreams::new(0, 0, "pet-tables");
-        let mut table = Self { grid: scanner.grid, kill_ev, cells: Vec::new(), most: [0.0; ENERGIES] };
+        let cosines = std::array::from_fn(|cell| (LARGEST_RAD * (cell + 1) as f64 / ANGLES as f64).cos());
+        let mut table =
+            Self { cosines, grid: scanner.grid, kill_ev, cells: Vec::new(), most: [0.0; ENERGIES] };
         for index in 0..ENERGIES * ANGLES * ENTRIES {
             let mut random = streams.stream("response", index as u64);
             let cell = table.fill(scanner, physics, index, &mut random);
@@ -195,8 +199,8 @@ impl Response {
 
     /// The cell of a photon that enters at a place (block coordinates).
     fn cell(&self, photon: &Photon) -> &Cell {
-        let angle = photon.direction.z.clamp(0.0, 1.0).acos() / LARGEST_RAD * ANGLES as f64;
-        let (angle, energy) = ((angle as usize).min(ANGLES - 1), self.energy(photon.energy_ev));
+        let angle = self.cosines.iter().filter(|cosine| photon.direction.z <= **cosine).count();
+        let energy = self.energy(photon.energy_ev);
         &self.cells[(self.kind_of(&photon.place_m, &photon.direction) * ANGLES + angle) * ENERGIES + energy]
     }
 
@@ -213,7 +217,7 @@ impl Response {
     /// The crystal with most of a track's energy, laid along a photon's way; `None` where all of it lies beside the block.
     fn place(&self, photon: &Photon, track: &Track) -> Option<Placed> {
         let (x, y) = (photon.direction.x, photon.direction.y);
-        let sin = x.hypot(y);
+        let sin = (x * x + y * y).sqrt();
         // Nearly along the face the straight way has no end: as at the largest angle of the table.
         let slope = sin / photon.direction.z.max(LARGEST_RAD.cos());
         let (c, s) = if sin > 0.0 { (x / sin, y / sin) } else { (1.0, 0.0) };

@@ -166,14 +166,14 @@ impl Tabulated {
         let draws = 0.5 * source.photons * self.aim.draws_per_photon() * most * most;
         for number in 0..super::poisson(draws, random) {
             let Some(first) = self.aimed(source, random) else { continue };
-            let second = source.other(&first.photon, random);
-            let through = |photon: &Photon, chord_m| {
-                body.transmission_511_along(&photon.place_m, &photon.direction, chord_m)
-            };
-            let both = through(&first.photon, first.chord_m) * through(&second, first.chord_of_other_m());
+            // Straight through the body: half a degree more or less is neglected, as in the way of the other.
+            let Photon { place_m, direction, .. } = first.photon;
+            let both = body.transmission_511_along(&place_m, &direction, first.chord_m)
+                * body.transmission_511_along(&place_m, &-direction, first.chord_of_other_m());
             if random.random::<f64>() * self.aim.drawn(&first.aimed) >= both {
                 continue;
             }
+            let second = source.other(&first.photon, random);
             let second = Second { photon: second, scatterings: 0, given: most };
             out.extend(self.line(source, &first, &second, number, random));
         }
@@ -216,9 +216,8 @@ impl Tabulated {
     fn aim_through(&mut self, source: Source, through: impl Fn(&Vector3<f64>, &Vector3<f64>) -> f64) {
         let Source { physics, paths, marker, window, .. } = source;
         let from_m = paths.at(marker, 0.5 * window.duration_s);
-        self.aim.set(physics, paths, marker, TILES, |corners| {
-            let share = |corner: &Vector3<f64>| through(&from_m, &(corner - from_m).normalize());
-            (TILE_MARGIN * corners.iter().map(share).fold(0.0, f64::max)).min(1.0)
+        self.aim.set(physics, paths, marker, TILES, |corner| {
+            TILE_MARGIN * through(&from_m, &(corner - from_m).normalize())
         });
     }
 
@@ -245,8 +244,10 @@ impl Tabulated {
         let Source { physics, marker, window, .. } = source;
         let detectors = &physics.detectors;
         let (other_block, _) = detectors.first_block(&second.photon, &[])?;
-        let (block, _) = detectors.first_block(&first.photon, &[])?;
-        if block != first.aimed.block || !detectors.scanner().can_coincide(block, other_block) {
+        let block = first.aimed.block;
+        if !detectors.scanner().can_coincide(block, other_block)
+            || detectors.first_block(&first.photon, &[])?.0 != block
+        {
             return None;
         }
         // Blocks are found from the marker's place, entries from the annihilation's.
