@@ -79,3 +79,45 @@ impl Scatterings {
 fn energy_after_ev(cos_angle: f64) -> f64 {
     ELECTRON_REST_ENERGY_EV * scattered_share(ELECTRON_REST_ENERGY_EV, cos_angle)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scanner::Scanner;
+    use crate::simulation::block::{BlockPhysics, kill_energy_ev};
+    use crate::simulation::compton::scatter;
+    use crate::simulation::scintillator;
+    use lumenav_core::{Node, RandomStreams};
+    use std::path::Path;
+
+    /// Scatterings drawn at large and thinned by the acceptance are those drawn by bins: chi-square of two samples over 20 bins of the
+    /// cosine; 0.999 quantile of 19 degrees of freedom is 43.8.
+    #[test]
+    fn cross_scatterings_are_those_of_klein_and_nishina_thinned() {
+        let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models/scanners/reduced.toml");
+        let scanner = Scanner::from_node(&Node::open(&models).unwrap()).unwrap();
+        let kill_ev = kill_energy_ev(&scanner.detection);
+        let physics = BlockPhysics::new(&scanner, scintillator::tests::model("gso"));
+        let response = Response::new(&scanner, &physics, kill_ev);
+        let scatterings = Scatterings::new(&response, kill_ev);
+        let mut random = RandomStreams::new(3, 0, "scattering").stream("angles", 0);
+        let n = 200_000;
+        let mut counts = [[0.0; 2]; 20];
+        let mut add = |kind: usize, cos: f64| counts[((cos + 1.0) * 10.0).min(19.0) as usize][kind] += 1.0;
+        for _ in 0..n {
+            let (share, cos_angle) = scatter(ELECTRON_REST_ENERGY_EV, &mut random);
+            let energy_ev = share * ELECTRON_REST_ENERGY_EV;
+            if energy_ev >= kill_ev && random.random::<f64>() < response.most_up_to(energy_ev) {
+                add(0, cos_angle);
+            }
+            if random.random::<f64>() < scatterings.per_scattering()
+                && let Some(drawn) = scatterings.draw(&response, &mut random)
+            {
+                add(1, drawn.cos_angle);
+            }
+        }
+        let term = |[a, b]: &[f64; 2]| (a - b).powi(2) / (a + b).max(1.0);
+        let chi2: f64 = counts.iter().map(term).sum();
+        assert!(chi2 < 43.8, "chi-square {chi2}: {counts:?}");
+    }
+}

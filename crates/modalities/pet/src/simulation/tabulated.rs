@@ -29,8 +29,8 @@ use std::sync::Arc;
 
 /// Rectangles of the aim are cut into so many tiles along each side, each drawn as often as photons get out of the body there.
 const TILES: usize = 4;
-/// Transmission within a tile is at most this times the largest at its corners (within a tile of 45 mm at 0.4 m directions differ by
-/// 6 degrees); where a voxel body has finer structure the excess is cut off.
+/// Transmission within a tile is at most this times the largest at its corners, that of two photons at most its square (within a tile of
+/// 45 mm at 0.4 m directions differ by 6 degrees); where a voxel body has finer structure the excess is cut off.
 const TILE_MARGIN: f64 = 1.1;
 
 /// The tabulated mode.

@@ -351,3 +351,64 @@ fn relative_spread(matrix: &Matrix3<f64>) -> f64 {
     let mean = matrix.trace() / 3.0;
     if mean > 0.0 { (matrix.determinant() / (mean * mean * mean)).max(0.0) } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line::Line;
+    use crate::tracking::window::Preparation;
+    use lumenav_core::RandomStreams;
+    use rand::RngExt as _;
+
+    /// Four of five lines from near a point, the others from anywhere.
+    fn lines(seed: u64) -> Vec<Line> {
+        let mut random = RandomStreams::new(seed, 0, "centroid").stream("lines", 0);
+        let mut cube = |half_m: f64| Vector3::from_fn(|_, _| half_m * (2.0 * random.random::<f64>() - 1.0));
+        (0..210)
+            .map(|i| {
+                let through = if i % 5 == 0 { cube(0.08) } else { cube(0.006) };
+                let along = cube(1.0).normalize() * 0.4;
+                Line { t_s: 0.0, ends_world_m: [through - along, through + along] }
+            })
+            .collect()
+    }
+
+    /// The test as printed: the centre and all distances anew for each line that goes.
+    fn literal(window: &Window, spared_m: f64) -> Vec<u32> {
+        let mut kept: Vec<u32> = (0..window.len() as u32).collect();
+        loop {
+            let rays: Vec<_> = kept.iter().map(|k| ray(&window.rays, *k as usize)).collect();
+            let across = |n: &Vector3<f64>| Matrix3::identity() - n * n.transpose();
+            let matrix: Matrix3<f64> = rays.iter().map(|(n, _)| across(n)).sum();
+            let side: Vector3<f64> = rays.iter().map(|(_, foot)| foot).sum();
+            let centre = matrix.cholesky().unwrap().solve(&side);
+            let distances: Vec<f64> = rays.iter().map(|ray| distance_m(ray, &centre)).collect();
+            let n = distances.len() as f64;
+            let mean = distances.iter().sum::<f64>() / n;
+            let sigma = (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+            let order = |a: &usize, b: &usize| distances[*a].total_cmp(&distances[*b]);
+            let furthest = (0..kept.len()).max_by(order).unwrap();
+            let limit = spared_m.max(mean + thompson::tau(kept.len()) * sigma);
+            if distances[furthest] <= limit {
+                return kept;
+            }
+            kept.remove(furthest);
+        }
+    }
+
+    #[test]
+    fn cross_the_lines_kept_are_those_of_a_look_at_all_for_each_that_goes() {
+        for seed in 0..40 {
+            let mut window = Window::default();
+            window.load(&lines(seed), &Preparation::about(Vector3::new(2e-3, 1e-3, -3e-3)), 6).unwrap();
+            for spared_m in [0.0, 0.013] {
+                let mut centroid = Centroid::default();
+                centroid.find(&window, Weight::Uniform, spared_m).unwrap();
+                let mut kept = centroid.kept().to_vec();
+                kept.sort_unstable();
+                assert_eq!(kept, literal(&window, spared_m), "seed {seed}");
+                assert!(kept.len() < 205);
+            }
+        }
+    }
+}

@@ -149,7 +149,7 @@ impl<S: Unit> Quad<S> {
     }
 
     #[inline(always)]
-    fn from_bits(self, bits: u64x4) -> Self {
+    fn with_bits(self, bits: u64x4) -> Self {
         Self { value: self.unit.transmute_f64s_u64s(bits), ..self }
     }
 
@@ -204,7 +204,7 @@ impl<S: Unit> Quad<S> {
         let whole = x.all(ROUNDING) - shifted;
         let rest = whole.mul_add(x.all(LN2_LOW), whole.mul_add(x.all(LN2_HIGH), x));
         let exponent = self.unit.shift_left::<52>(shifted.bits());
-        let scale = self.from_bits(self.unit.add_u64s(exponent, self.unit.splat_u64s(ONE_BITS)));
+        let scale = self.with_bits(self.unit.add_u64s(exponent, self.unit.splat_u64s(ONE_BITS)));
         rest.polynomial(&EXP_TERMS) * scale
     }
 
@@ -212,10 +212,10 @@ impl<S: Unit> Quad<S> {
     #[inline(always)]
     fn root_guess(self, share: f64, bits: f64) -> Self {
         let high = self.unit.shift_right::<32>(self.bits());
-        let high = self.from_bits(self.unit.or_u64s(high, self.unit.splat_u64s(INTEGER_BITS)));
+        let high = self.with_bits(self.unit.or_u64s(high, self.unit.splat_u64s(INTEGER_BITS)));
         let high = high - self.all(TWO_52);
         let guess = high.mul_add(self.all(share), self.all(bits + TWO_52));
-        self.from_bits(self.unit.shift_left::<32>(guess.bits()))
+        self.with_bits(self.unit.shift_left::<32>(guess.bits()))
     }
 
     /// `self^(-1/3)` of positive normal numbers.
@@ -249,9 +249,9 @@ impl<S: Unit> Quad<S> {
     pub(crate) fn ln(self) -> Self {
         let unit = self.unit;
         let exponent = unit.or_u64s(unit.shift_right::<52>(self.bits()), unit.splat_u64s(INTEGER_BITS));
-        let exponent = self.from_bits(exponent) - self.all(TWO_52 + 1023.0);
+        let exponent = self.with_bits(exponent) - self.all(TWO_52 + 1023.0);
         let mantissa = unit.and_u64s(self.bits(), unit.splat_u64s(MANTISSA));
-        let m = self.from_bits(unit.or_u64s(mantissa, unit.splat_u64s(ONE_BITS)));
+        let m = self.with_bits(unit.or_u64s(mantissa, unit.splat_u64s(ONE_BITS)));
         let (root, one) = (self.all(std::f64::consts::SQRT_2), self.all(1.0));
         let e = m.less_select(root, exponent, exponent + one);
         let m = m.less_select(root, m, m * self.all(0.5));
