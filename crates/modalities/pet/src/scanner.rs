@@ -181,7 +181,7 @@ impl CrystalGrid {
     /// Column and row of the pitch cell that holds `(h, z)`; `None` beside the block.
     pub fn cell(&self, h_m: f64, z_m: f64) -> Option<(u32, u32)> {
         let index = |along_m: f64, pitch_m: f64, count: u32| {
-            let cell = (along_m / pitch_m + 0.5 * f64::from(count)).floor();
+            let cell = along_m / pitch_m + 0.5 * f64::from(count);
             (cell >= 0.0 && cell < f64::from(count)).then_some(cell as u32)
         };
         Some((index(h_m, self.tangential_pitch_m, self.columns)?, index(z_m, self.axial_pitch_m, self.rows)?))

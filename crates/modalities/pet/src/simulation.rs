@@ -23,6 +23,7 @@ mod forced;
 pub mod isotope;
 pub mod photon;
 mod response;
+mod scattering;
 pub mod scintillator;
 pub mod source;
 mod tables;

@@ -34,6 +34,8 @@ struct Target {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Aim {
     targets: Vec<Target>,
+    /// Shares drawn at the corners of one rectangle's tiles, row by row.
+    corners: Vec<f64>,
     reach_m: f64,
 }
 
@@ -51,14 +53,15 @@ pub(super) struct Aimed {
 
 impl Aim {
     /// Targets for a marker's way through a window; `false` where it comes too near to a block's plane. Each rectangle is cut into
-    /// `tiles x tiles`; `drawn` tells for the corners of a tile (world, m) the share of photons that is drawn there.
+    /// `tiles x tiles`; `drawn` tells for a place (world, m) the share of photons that is drawn there: a tile's is the largest of its
+    /// corners', at most 1.
     pub fn set(
         &mut self,
         physics: &Physics,
         paths: &MarkerPaths,
         marker: usize,
         tiles: usize,
-        drawn: impl Fn(&[Vector3<f64>; 4]) -> f64,
+        drawn: impl Fn(&Vector3<f64>) -> f64,
     ) -> bool {
         self.reach_m = physics.markers[marker].reach_m();
         self.targets.clear();
@@ -88,13 +91,18 @@ impl Aim {
             let (h, z) = (side(0, g.half_width_m()), side(1, g.half_length_m()));
             let most_per_m2 = 1.0 / (nearest_m * nearest_m);
             let size_m = [h.1 / tiles as f64, z.1 / tiles as f64];
+            let corner_m = |i: usize, k: usize| [h.0 + size_m[0] * i as f64, z.0 + size_m[1] * k as f64];
+            self.corners.clear();
+            for corner in 0..(tiles + 1) * (tiles + 1) {
+                let [h_m, z_m] = corner_m(corner % (tiles + 1), corner / (tiles + 1));
+                self.corners.push(drawn(&scanner.in_block(block, h_m, z_m, 0.0)));
+            }
             for tile in 0..tiles * tiles {
-                let lower_m =
-                    [h.0 + size_m[0] * (tile % tiles) as f64, z.0 + size_m[1] * (tile / tiles) as f64];
-                let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(i, k)| {
-                    scanner.in_block(block, lower_m[0] + i * size_m[0], lower_m[1] + k * size_m[1], 0.0)
-                });
-                let drawn = drawn(&corners);
+                let (i, k) = (tile % tiles, tile / tiles);
+                let lower_m = corner_m(i, k);
+                let first = i + k * (tiles + 1);
+                let corners = [first, first + 1, first + tiles + 1, first + tiles + 2];
+                let drawn = corners.iter().map(|corner| self.corners[*corner]).fold(0.0, f64::max).min(1.0);
                 cumulative += size_m[0] * size_m[1] * most_per_m2 * drawn;
                 self.targets.push(Target { block, lower_m, size_m, most_per_m2, drawn, cumulative });
             }

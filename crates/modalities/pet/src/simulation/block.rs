@@ -116,9 +116,12 @@ impl BlockPhysics {
     fn crystal(&self, place_m: &Vector3<f64>) -> Option<(u32, u32)> {
         let index = |along_m: f64, pitch_m: f64, size_m: f64, count: u32| {
             let place = along_m / pitch_m + 0.5 * f64::from(count);
-            let cell = place.floor();
-            let inside = (place - cell - 0.5).abs() * pitch_m <= 0.5 * size_m;
-            (inside && cell >= 0.0 && cell < f64::from(count)).then_some(cell as u32)
+            if !(place >= 0.0 && place < f64::from(count)) {
+                return None;
+            }
+            let cell = place as u32;
+            let is_inside = (place - f64::from(cell) - 0.5).abs() * pitch_m <= 0.5 * size_m;
+            is_inside.then_some(cell)
         };
         let g = &self.grid;
         Some((

@@ -124,27 +124,8 @@ impl Body {
         mut chord_m: Option<(f64, f64)>,
         random: &mut R,
     ) -> Option<u32> {
-        let Some(phantom) = &self.phantom else { return Some(0) };
-        let uniform_per_m = phantom.uniform_attenuation_511_per_m();
-        let largest_per_m = uniform_per_m.unwrap_or_else(|| phantom.largest_attenuation_511_per_m());
         let mut scatterings = 0;
-        if largest_per_m <= 0.0 {
-            return Some(0);
-        }
-        while let Some((near_m, far_m)) = chord_m.filter(|(_, far_m)| *far_m > 0.0) {
-            let step_m =
-                near_m.max(0.0) + free_path(random) / (largest_per_m * self.ratio.at(photon.energy_ev));
-            if step_m >= far_m {
-                return Some(scatterings);
-            }
-            photon.advance(step_m);
-            if uniform_per_m.is_none() {
-                let here_per_m = phantom.attenuation_511_per_m(&(photon.place_m - self.moved_m));
-                if random.random::<f64>() * largest_per_m >= here_per_m {
-                    chord_m = Some((0.0, far_m - step_m));
-                    continue;
-                }
-            }
+        while self.reach_scattering(photon, chord_m, random) {
             let (share, cos_angle) = scatter(photon.energy_ev, random);
             photon.energy_ev *= share;
             if photon.energy_ev < self.kill_ev {
@@ -152,9 +133,40 @@ impl Body {
             }
             photon.direction = deflected(&photon.direction, cos_angle, random);
             scatterings += 1;
-            chord_m = phantom.chord_m(&(photon.place_m - self.moved_m), &photon.direction);
+            chord_m = self.chord_m(&photon.place_m, &photon.direction);
         }
         Some(scatterings)
+    }
+
+    /// Flies on to the place of the next scattering; `false` where the photon leaves the body without.
+    pub fn reach_scattering<R: Rng + ?Sized>(
+        &self,
+        photon: &mut Photon,
+        mut chord_m: Option<(f64, f64)>,
+        random: &mut R,
+    ) -> bool {
+        let Some(phantom) = &self.phantom else { return false };
+        let uniform_per_m = phantom.uniform_attenuation_511_per_m();
+        let largest_per_m = uniform_per_m.unwrap_or_else(|| phantom.largest_attenuation_511_per_m());
+        if largest_per_m <= 0.0 {
+            return false;
+        }
+        while let Some((near_m, far_m)) = chord_m.filter(|(_, far_m)| *far_m > 0.0) {
+            let step_m =
+                near_m.max(0.0) + free_path(random) / (largest_per_m * self.ratio.at(photon.energy_ev));
+            if step_m >= far_m {
+                return false;
+            }
+            photon.advance(step_m);
+            let is_real = uniform_per_m.is_some()
+                || random.random::<f64>() * largest_per_m
+                    < phantom.attenuation_511_per_m(&(photon.place_m - self.moved_m));
+            if is_real {
+                return true;
+            }
+            chord_m = Some((0.0, far_m - step_m));
+        }
+        false
     }
 
     /// Way of a ray through the body ([`Phantom::chord_m`]).

@@ -63,21 +63,24 @@ pub(super) struct Response {
     grid: CrystalGrid,
     kill_ev: f64,
     cells: Vec<Cell>,
-    /// The largest acceptance at 511 keV.
-    pub most_at_511: f64,
+    /// Cosines of the angles between cells.
+    cosines: [f64; ANGLES - 1],
+    /// The largest acceptance of each energy.
+    most: [f64; ENERGIES],
 }
 
 impl Response {
     /// Makes the table; the same for the same scanner and scintillator.
     pub fn new(scanner: &Scanner, physics: &BlockPhysics, kill_ev: f64) -> Self {
         let streams = RandomStreams::new(0, 0, "pet-tables");
-        let mut table = Self { grid: scanner.grid, kill_ev, cells: Vec::new(), most_at_511: 0.0 };
+        let cosines = std::array::from_fn(|cell| (LARGEST_RAD * (cell + 1) as f64 / ANGLES as f64).cos());
+        let mut table =
+            Self { cosines, grid: scanner.grid, kill_ev, cells: Vec::new(), most: [0.0; ENERGIES] };
         for index in 0..ENERGIES * ANGLES * ENTRIES {
             let mut random = streams.stream("response", index as u64);
             let cell = table.fill(scanner, physics, index, &mut random);
-            if index % ENERGIES == ENERGIES - 1 {
-                table.most_at_511 = table.most_at_511.max(cell.accepted);
-            }
+            let most = &mut table.most[index % ENERGIES];
+            *most = most.max(cell.accepted);
             table.cells.push(cell);
         }
         table
@@ -170,22 +173,39 @@ impl Response {
         2 * near + usize::from(direction[axis] * entry_m[axis] < 0.0)
     }
 
+    /// The largest acceptance at 511 keV.
+    pub fn most_at_511(&self) -> f64 {
+        self.most[ENERGIES - 1]
+    }
+
+    /// The largest acceptance at an energy.
+    pub fn most_at(&self, energy_ev: f64) -> f64 {
+        self.most[self.energy(energy_ev)]
+    }
+
+    /// The largest acceptance at an energy or below.
+    pub fn most_up_to(&self, energy_ev: f64) -> f64 {
+        self.most[..=self.energy(energy_ev)].iter().copied().fold(0.0, f64::max)
+    }
+
+    /// The cell over energy.
+    fn energy(&self, energy_ev: f64) -> usize {
+        if energy_ev > ELECTRON_REST_ENERGY_EV * (1.0 - 1e-9) {
+            return ENERGIES - 1;
+        }
+        let part = (energy_ev - self.kill_ev) / (ELECTRON_REST_ENERGY_EV - self.kill_ev);
+        ((part * (ENERGIES - 1) as f64).max(0.0) as usize).min(ENERGIES - 2)
+    }
+
     /// The cell of a photon that enters at a place (block coordinates).
     fn cell(&self, photon: &Photon) -> &Cell {
-        let energy_ev = photon.energy_ev;
-        let angle = photon.direction.z.clamp(0.0, 1.0).acos() / LARGEST_RAD * ANGLES as f64;
-        let angle = (angle as usize).min(ANGLES - 1);
-        let energy = if energy_ev > ELECTRON_REST_ENERGY_EV * (1.0 - 1e-9) {
-            ENERGIES - 1
-        } else {
-            let part = (energy_ev - self.kill_ev) / (ELECTRON_REST_ENERGY_EV - self.kill_ev);
-            ((part * (ENERGIES - 1) as f64).max(0.0) as usize).min(ENERGIES - 2)
-        };
+        let angle = self.cosines.iter().filter(|cosine| photon.direction.z <= **cosine).count();
+        let energy = self.energy(photon.energy_ev);
         &self.cells[(self.kind_of(&photon.place_m, &photon.direction) * ANGLES + angle) * ENERGIES + energy]
     }
 
     /// Where a photon (block coordinates, at its entry) is placed; `None` where it is not accepted. `given` is the probability with which
-    /// photons that get here were already chosen: 1, or [`Self::most_at_511`].
+    /// photons that get here were already chosen: at least the acceptance of their cell.
     pub fn draw(&self, photon: &Photon, given: f64, random: &mut RandomStream) -> Option<Placed> {
         let cell = self.cell(photon);
         if random.random::<f64>() * given >= cell.accepted || cell.tracks.is_empty() {
@@ -197,7 +217,7 @@ impl Response {
     /// The crystal with most of a track's energy, laid along a photon's way; `None` where all of it lies beside the block.
     fn place(&self, photon: &Photon, track: &Track) -> Option<Placed> {
         let (x, y) = (photon.direction.x, photon.direction.y);
-        let sin = x.hypot(y);
+        let sin = (x * x + y * y).sqrt();
         // Nearly along the face the straight way has no end: as at the largest angle of the table.
         let slope = sin / photon.direction.z.max(LARGEST_RAD.cos());
         let (c, s) = if sin > 0.0 { (x / sin, y / sin) } else { (1.0, 0.0) };

@@ -7,6 +7,7 @@ use super::Physics;
 use super::coincidence::LabelledLine;
 use super::forced::{Forced, Keep, Sample, Window};
 use super::response::Response;
+use super::scattering::Scatterings;
 use super::source::{MarkerPaths, SourceMarker};
 use lumenav_core::RandomStreams;
 use nalgebra::Vector3;
@@ -44,6 +45,7 @@ pub(super) struct Node {
 pub(super) struct Tables {
     physics: Physics,
     pub response: Response,
+    pub scatterings: Scatterings,
     nodes: Mutex<BTreeMap<Key, Arc<OnceLock<Arc<Node>>>>>,
 }
 
@@ -52,7 +54,8 @@ impl Tables {
     pub fn new(physics: &Physics) -> Self {
         let detectors = &physics.detectors;
         let response = Response::new(detectors.scanner(), detectors.physics(), detectors.kill_ev());
-        Self { physics: physics.clone(), response, nodes: Mutex::default() }
+        let scatterings = Scatterings::new(&response, detectors.kill_ev());
+        Self { physics: physics.clone(), response, scatterings, nodes: Mutex::default() }
     }
 
     /// A node; whoever comes while it is being made waits for it.

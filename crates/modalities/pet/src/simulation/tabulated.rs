@@ -1,17 +1,20 @@
 //! The fastest mode, for long and many runs: aimed photons, the blocks' response and backgrounds from tables.
 //!
-//! True and scattered lines of which one photon is direct are made as in [`super::forced`], but the response comes from
-//! [`super::response`] and its largest acceptance thins the draws before anything is computed. The rest (lines with a prompt gamma,
-//! lines without a direct photon, singles for random lines) comes from [`super::tables`], a grid over the marker's place. A node is chosen
-//! with its trilinear weight, so rates and lines are interpolated linearly.
+//! True lines, and scattered ones of which one photon is direct, are made as in [`super::forced`], but each kind by itself, and what it asks
+//! for thins the draws before anything is computed: true lines the transmission of both photons and twice the blocks' largest acceptance,
+//! scattered ones a first scattering that leaves enough energy ([`super::scattering`]). The blocks' response comes from
+//! [`super::response`]. The rest (lines with a prompt gamma, lines without a direct photon, singles for random lines) comes from
+//! [`super::tables`], a grid over the marker's place. A node is chosen with its trilinear weight, so rates and lines are
+//! interpolated linearly.
 //!
 //! Approximate where `forced` is not: see [`super::response`]; directions and transmission are taken at the marker's place, not the
 //! annihilation's (a millimetre beside it); background lines are blurred by the grid's spacing.
 
 use super::Physics;
-use super::aim::Aim;
+use super::aim::{Aim, Aimed};
 use super::block::Deposit;
 use super::coincidence::LabelledLine;
+use super::compton::deflected;
 use super::detectors::{Hit, Kind, Single};
 use super::forced::{Window, draw_pair, random_line};
 use super::photon::Photon;
@@ -26,8 +29,8 @@ use std::sync::Arc;
 
 /// Rectangles of the aim are cut into so many tiles along each side, each drawn as often as photons get out of the body there.
 const TILES: usize = 4;
-/// Transmission within a tile is at most this times the largest at its corners (within a tile of 45 mm at 0.4 m directions differ by
-/// 6 degrees); where a voxel body has finer structure the excess is cut off.
+/// Transmission within a tile is at most this times the largest at its corners, that of two photons at most its square (within a tile of
+/// 45 mm at 0.4 m directions differ by 6 degrees); where a voxel body has finer structure the excess is cut off.
 const TILE_MARGIN: f64 = 1.1;
 
 /// The tabulated mode.
@@ -39,6 +42,49 @@ pub(super) struct Tabulated {
     nodes: BTreeMap<Key, Arc<Node>>,
     /// By marker: eight keys and weights.
     corners: Vec<[(Key, f64); 8]>,
+}
+
+/// One marker's photons of one window.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    physics: &'a Physics,
+    paths: &'a MarkerPaths,
+    marker: usize,
+    /// Annihilation photons of decays without a prompt gamma that is read out.
+    photons: f64,
+    window: Window,
+}
+
+impl Source<'_> {
+    /// The photon opposite to one.
+    fn other(&self, first: &Photon, random: &mut RandomStream) -> Photon {
+        let direction = opposite(&first.direction, self.physics.acollinearity_sigma_rad, random);
+        Photon::emitted(first.place_m, direction, ANNIHILATION_EV)
+    }
+}
+
+/// The aimed photon.
+struct First {
+    after_s: f64,
+    aimed: Aimed,
+    photon: Photon,
+    /// Its way through the body.
+    chord_m: Option<(f64, f64)>,
+}
+
+impl First {
+    /// The way of the other photon through the body; that they miss 180 degrees by half a degree is neglected.
+    fn chord_of_other_m(&self) -> Option<(f64, f64)> {
+        self.chord_m.map(|(near_m, far_m)| (-far_m, -near_m))
+    }
+}
+
+/// The other photon, outside the body.
+struct Second {
+    photon: Photon,
+    scatterings: u32,
+    /// Acceptance by which it was drawn.
+    given: f64,
 }
 
 impl Tabulated {
@@ -63,13 +109,6 @@ impl Tabulated {
         }
         self.corners.clear();
         for marker in 0..physics.markers.len() {
-            let from_m = paths.at(marker, 0.5 * window.duration_s);
-            self.aim.set(physics, paths, marker, TILES, |corners| {
-                let through = |corner: &Vector3<f64>| {
-                    physics.body.transmission_511(&from_m, &(corner - from_m).normalize())
-                };
-                (TILE_MARGIN * corners.iter().map(through).fold(0.0, f64::max)).min(1.0)
-            });
             let decays = physics.decay_rate_hz(marker, window.start_s) * window.duration_s;
             let corners = corners_of(physics, paths, marker, window);
             for (key, weight) in corners {
@@ -79,7 +118,10 @@ impl Tabulated {
             }
             self.corners.push(corners);
             let unprompted = 1.0 - self.mean(marker, |node| node.prompts_per_decay);
-            self.direct(physics, paths, (marker, decays), unprompted, window, random, out);
+            let photons = 2.0 * decays * physics.positrons_per_decay[marker] * unprompted;
+            let source = Source { physics, paths, marker, photons, window };
+            self.true_lines(source, random, out);
+            self.scattered_lines(source, random, out);
             self.background(physics, (marker, decays), window, random, out);
         }
         self.randoms_and_losses(physics, window, random, out);
@@ -112,75 +154,116 @@ impl Tabulated {
         chosen.map(Arc::as_ref)
     }
 
-    /// True and scattered lines with a direct photon.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "what one photon is made of; a struct of it would be taken apart at once"
-    )]
-    fn direct(
-        &self,
-        physics: &Physics,
-        paths: &MarkerPaths,
-        (marker, decays): (usize, f64),
-        unprompted: f64,
-        window: Window,
-        random: &mut RandomStream,
-        out: &mut Vec<LabelledLine>,
-    ) {
-        let detectors = &physics.detectors;
-        let photons = 2.0 * decays * physics.positrons_per_decay[marker] * unprompted;
-        let most = self.tables.response.most_at_511;
-        let draws = super::poisson(photons * self.aim.draws_per_photon() * most, random);
-        for number in 0..draws {
-            let after_s = window.duration_s * random.random::<f64>();
-            let place_m = paths.at(marker, after_s);
-            let aimed = self.aim.draw(physics, random);
-            let Some(direction) = Aim::keep(&aimed, physics, &place_m) else { continue };
-            let chord_m = physics.body.chord_m(&place_m, &direction);
-            let through = physics.body.transmission_511_along(&place_m, &direction, chord_m);
-            if random.random::<f64>() * self.aim.drawn(&aimed) >= through {
+    /// Lines of two direct photons. Either can be the aimed one, so half of them are drawn.
+    fn true_lines(&mut self, source: Source, random: &mut RandomStream, out: &mut Vec<LabelledLine>) {
+        let body = &source.physics.body;
+        self.aim_through(source, |from_m, direction| {
+            TILE_MARGIN
+                * body.transmission_511(from_m, direction)
+                * body.transmission_511(from_m, &-direction)
+        });
+        let most = self.tables.response.most_at_511();
+        let draws = 0.5 * source.photons * self.aim.draws_per_photon() * most * most;
+        for number in 0..super::poisson(draws, random) {
+            let Some(first) = self.aimed(source, random) else { continue };
+            // Straight through the body: half a degree more or less is neglected, as in the way of the other.
+            let Photon { place_m, direction, .. } = first.photon;
+            let both = body.transmission_511_along(&place_m, &direction, first.chord_m)
+                * body.transmission_511_along(&place_m, &-direction, first.chord_of_other_m());
+            if random.random::<f64>() * self.aim.drawn(&first.aimed) >= both {
                 continue;
             }
-            // The other photon next: it is lost more often than the first is missed by its block.
-            let other = opposite(&direction, physics.acollinearity_sigma_rad, random);
-            let mut second = Photon::emitted(place_m, other, ANNIHILATION_EV);
-            let backwards_m = chord_m.map(|(near_m, far_m)| (-far_m, -near_m));
-            let Some(scatterings) = physics.body.leave_along(&mut second, backwards_m, random) else {
-                continue;
-            };
-            let Some((other_block, near_m)) = detectors.first_block(&second, &[]) else { continue };
-            second.advance(near_m);
-            let mut first = Photon::emitted(place_m, direction, ANNIHILATION_EV);
-            let Some((block, near_m)) = detectors.first_block(&first, &[]) else { continue };
-            if block != aimed.block || !detectors.scanner().can_coincide(block, other_block) {
-                continue;
-            }
-            first.advance(near_m);
-            // Blocks are found from the marker's place, entries from the annihilation's.
-            let offset_m = physics.markers[marker].annihilation_offset_m(random);
-            let mut placed = |block: usize, mut photon: Photon, given: f64| {
-                photon.place_m += offset_m;
-                let local = detectors.to_block(block, &photon).on_face();
-                self.tables.response.draw(&local, given, random)
-            };
-            let (Some(at_b), Some(at_a)) = (placed(other_block, second, 1.0), placed(block, first, most))
-            else {
-                continue;
-            };
-            if scatterings == 0 && random.random::<bool>() {
-                continue;
-            }
-            let name = (after_s, number as u32, marker);
-            let (Some(a), Some(b)) = (
-                single(physics, (block, &at_a, 0), name, random),
-                single(physics, (other_block, &at_b, scatterings), name, random),
-            ) else {
-                continue;
-            };
-            if (a.after_s - b.after_s).abs() < detectors.scanner().detection.coincidence_window_s {
-                out.push(LabelledLine::of(&a, &b, window.start_s, window.duration_s));
-            }
+            let second = source.other(&first.photon, random);
+            let second = Second { photon: second, scatterings: 0, given: most };
+            out.extend(self.line(source, &first, &second, number, random));
         }
+    }
+
+    /// Lines of a direct photon and one that scattered.
+    fn scattered_lines(&mut self, source: Source, random: &mut RandomStream, out: &mut Vec<LabelledLine>) {
+        let body = &source.physics.body;
+        self.aim_through(source, |from_m, direction| body.transmission_511(from_m, direction));
+        let (response, scatterings) = (&self.tables.response, &self.tables.scatterings);
+        let draws = source.photons
+            * self.aim.draws_per_photon()
+            * response.most_at_511()
+            * scatterings.per_scattering();
+        for number in 0..super::poisson(draws, random) {
+            let Some(scattering) = scatterings.draw(response, random) else { continue };
+            let Some(first) = self.aimed(source, random) else { continue };
+            let photon = &first.photon;
+            let through = body.transmission_511_along(&photon.place_m, &photon.direction, first.chord_m);
+            if random.random::<f64>() * self.aim.drawn(&first.aimed) >= through {
+                continue;
+            }
+            let mut second = source.other(photon, random);
+            if !body.reach_scattering(&mut second, first.chord_of_other_m(), random) {
+                continue;
+            }
+            second.energy_ev = scattering.energy_ev;
+            second.direction = deflected(&second.direction, scattering.cos_angle, random);
+            let Some(more) = body.leave(&mut second, random) else { continue };
+            let given = response.most_at(second.energy_ev);
+            if random.random::<f64>() * scattering.given >= given {
+                continue;
+            }
+            let second = Second { photon: second, scatterings: 1 + more, given };
+            out.extend(self.line(source, &first, &second, number, random));
+        }
+    }
+
+    /// Aims at the blocks; `through` tells from a place and a direction the share that gets out of the body.
+    fn aim_through(&mut self, source: Source, through: impl Fn(&Vector3<f64>, &Vector3<f64>) -> f64) {
+        let Source { physics, paths, marker, window, .. } = source;
+        let from_m = paths.at(marker, 0.5 * window.duration_s);
+        self.aim.set(physics, paths, marker, TILES, |corner| {
+            TILE_MARGIN * through(&from_m, &(corner - from_m).normalize())
+        });
+    }
+
+    /// An aimed photon.
+    fn aimed(&self, source: Source, random: &mut RandomStream) -> Option<First> {
+        let Source { physics, paths, marker, window, .. } = source;
+        let after_s = window.duration_s * random.random::<f64>();
+        let place_m = paths.at(marker, after_s);
+        let aimed = self.aim.draw(physics, random);
+        let direction = Aim::keep(&aimed, physics, &place_m)?;
+        let photon = Photon::emitted(place_m, direction, ANNIHILATION_EV);
+        Some(First { after_s, aimed, photon, chord_m: physics.body.chord_m(&place_m, &direction) })
+    }
+
+    /// The line of two photons outside the body, where both are detected and the first enters the block that it was aimed at.
+    fn line(
+        &self,
+        source: Source,
+        first: &First,
+        second: &Second,
+        number: u64,
+        random: &mut RandomStream,
+    ) -> Option<LabelledLine> {
+        let Source { physics, marker, window, .. } = source;
+        let detectors = &physics.detectors;
+        let (other_block, _) = detectors.first_block(&second.photon, &[])?;
+        let block = first.aimed.block;
+        if !detectors.scanner().can_coincide(block, other_block)
+            || detectors.first_block(&first.photon, &[])?.0 != block
+        {
+            return None;
+        }
+        // Blocks are found from the marker's place, entries from the annihilation's.
+        let offset_m = physics.markers[marker].annihilation_offset_m(random);
+        let response = &self.tables.response;
+        let mut placed = |block: usize, mut photon: Photon, given: f64| {
+            photon.place_m += offset_m;
+            response.draw(&detectors.to_block(block, &photon).on_face(), given, random)
+        };
+        let at_b = placed(other_block, second.photon, second.given)?;
+        let at_a = placed(block, first.photon, response.most_at_511())?;
+        let name = (first.after_s, number as u32, marker);
+        let a = single(physics, (block, &at_a, 0), name, random)?;
+        let b = single(physics, (other_block, &at_b, second.scatterings), name, random)?;
+        let is_in_time = (a.after_s - b.after_s).abs() < detectors.scanner().detection.coincidence_window_s;
+        is_in_time.then(|| LabelledLine::of(&a, &b, window.start_s, window.duration_s))
     }
 
     /// Lines with a prompt gamma, and lines without a direct photon.

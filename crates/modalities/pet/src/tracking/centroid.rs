@@ -10,13 +10,17 @@
 //! centroid, each of its lines that goes pulls the centroid to the base and lowers mean and σ, and in one window of six all of
 //! them go. So lines within `spared_m` of the centroid are never dropped: the set's radius plus the 5 mm within which a marker
 //! owns a line. 0 is the literal test.
+//!
+//! Most lines that go are known without a look at all others. When the point has moved by m since the last such look, no distance has
+//! changed by more than m, so their mean lies within m of what it was, less the lines that went; and their squares are told by sums:
+//! `Σ d² = Σ f² - 2 c·Σ f + cᵀ Σ (I - nnᵀ) c`. Where the furthest line is beyond the largest limit that this leaves, the test drops it.
 
 use super::failure::Failure;
-use super::lanes::{Four, LANES, Three, dot, splat3, three};
+use super::lanes::{Four, LANES, Three, three};
+use super::quad::{Kernel, Quad, Quads, Unit, dispatch, dot, quads, splat3};
 use super::thompson;
 use super::window::{FEWEST_LINES, Rays, Window};
 use nalgebra::{Matrix3, Vector3};
-use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 /// How lines weigh in the centroid.
@@ -48,17 +52,65 @@ pub struct Centroid {
     /// Place in the window of each line still in.
     places: Vec<u32>,
     distances_m: Vec<Four>,
+    look: Look,
     tau: thompson::Table,
-    matrix: Matrix3<f64>,
-    side: Vector3<f64>,
+    sums: Sums,
 }
 
-/// Distances of the lines still in.
+/// What a look at all distances found.
+#[derive(Clone, Debug, Default)]
+struct Look {
+    /// From where, m.
+    centre_m: Vector3<f64>,
+    /// Sum of the distances, less those of lines that went since, m.
+    sum_m: f64,
+    /// Lines beyond this are in [`Self::far`], m.
+    limit_m: f64,
+    /// Far lines that are still in, and their distances, furthest first, m.
+    far: Vec<(usize, f64)>,
+}
+
+impl Look {
+    /// The last line takes the place of a far one.
+    fn remove(&mut self, line: usize, last: usize) {
+        let far = &mut self.far;
+        if let Some(at) = far.iter().position(|(known, _)| *known == line) {
+            self.sum_m -= far.remove(at).1;
+        }
+        if let Some(moved) = far.iter_mut().find(|(known, _)| *known == last) {
+            moved.0 = line;
+        }
+    }
+}
+
+/// Sums over the lines still in.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    /// `Σ (I - nnᵀ)`.
+    matrix: Matrix3<f64>,
+    /// `Σ f`, m.
+    side_m: Vector3<f64>,
+    /// `Σ f²`, m².
+    squares_m2: f64,
+}
+
+impl Sums {
+    /// `Σ d²` from a point, m².
+    fn squares_from(&self, centre_m: &Vector3<f64>) -> f64 {
+        self.squares_m2 + centre_m.dot(&(self.matrix * centre_m - self.side_m * 2.0))
+    }
+
+    fn remove(&mut self, direction: &Vector3<f64>, foot_m: &Vector3<f64>) {
+        self.matrix -= Matrix3::identity() - direction * direction.transpose();
+        self.side_m -= foot_m;
+        self.squares_m2 -= foot_m.norm_squared();
+    }
+}
+
+/// Mean and standard deviation of the distances of the lines still in.
 struct Spread {
     mean_m: f64,
     sigma_m: f64,
-    furthest: usize,
-    furthest_m: f64,
 }
 
 impl Centroid {
@@ -68,30 +120,30 @@ impl Centroid {
     /// [`Failure::Parallel`], [`Failure::TooFewLines`].
     pub fn find(&mut self, window: &Window, weight: Weight, spared_m: f64) -> Result<Vector3<f64>, Failure> {
         self.take(window);
-        let mut centre = Vector3::zeros();
+        let mut centre = self.centre(weight, Vector3::zeros())?;
         loop {
-            centre = match weight {
-                Weight::Uniform => self.solve()?,
-                Weight::Gaussian => self.iterate(centre),
-            };
-            let spread = self.spread(&centre);
-            let count = self.places.len();
-            if spread.furthest_m <= spared_m
-                || spread.furthest_m - spread.mean_m <= self.tau.tau(count) * spread.sigma_m
-            {
-                break;
+            self.look(&centre, spared_m);
+            let Some((furthest, _)) = self.furthest(&centre) else { break };
+            let mut out = Some(furthest);
+            while let Some(line) = out {
+                if self.places.len() <= FEWEST_LINES {
+                    let (given, usable) = (window.len(), self.places.len());
+                    return Err(Failure::TooFewLines { given, usable, needed: FEWEST_LINES + 1 });
+                }
+                self.drop_line(line);
+                centre = self.centre(weight, centre)?;
+                out = self.surely_out(&centre, spared_m);
             }
-            if count <= FEWEST_LINES {
-                return Err(Failure::TooFewLines {
-                    given: window.len(),
-                    usable: count,
-                    needed: FEWEST_LINES + 1,
-                });
-            }
-            self.drop_line(spread.furthest);
         }
         self.solve()?;
         if centre.iter().all(|v| v.is_finite()) { Ok(centre) } else { Err(Failure::Parallel { spread: 0.0 }) }
+    }
+
+    fn centre(&mut self, weight: Weight, before: Vector3<f64>) -> Result<Vector3<f64>, Failure> {
+        match weight {
+            Weight::Uniform => self.solve(),
+            Weight::Gaussian => Ok(self.iterate(before)),
+        }
     }
 
     /// Places in the window of the lines that belong.
@@ -110,16 +162,15 @@ impl Centroid {
         self.places.extend(0..window.len() as u32);
         self.distances_m.clear();
         self.distances_m.resize(self.kept.len(), Four::ZERO);
-        let (matrix, side) = sums(&self.kept);
-        (self.matrix, self.side) = (matrix, side);
+        self.sums = dispatch(SumsOf(&self.kept));
     }
 
     /// The last line takes the place of line `k`.
     fn drop_line(&mut self, k: usize) {
         let last = self.places.len() - 1;
         let (n, foot) = ray(&self.kept, k);
-        self.matrix -= Matrix3::identity() - n * n.transpose();
-        self.side -= foot;
+        self.sums.remove(&n, &foot);
+        self.look.remove(k, last);
         let (from, from_lane) = (self.kept[last / LANES], last % LANES);
         let (to, to_lane) = (&mut self.kept[k / LANES], k % LANES);
         for axis in 0..3 {
@@ -135,9 +186,9 @@ impl Centroid {
     }
 
     fn solve(&self) -> Result<Vector3<f64>, Failure> {
-        let spread = relative_spread(&self.matrix);
-        let solution = (spread > PARALLEL).then(|| self.matrix.cholesky()).flatten();
-        solution.map(|c| c.solve(&self.side)).ok_or(Failure::Parallel { spread })
+        let spread = relative_spread(&self.sums.matrix);
+        let solution = (spread > PARALLEL).then(|| self.sums.matrix.cholesky()).flatten();
+        solution.map(|c| c.solve(&self.sums.side_m)).ok_or(Failure::Parallel { spread })
     }
 
     /// Eq. 3.4 and 3.5 to their rest.
@@ -164,70 +215,128 @@ impl Centroid {
         centre
     }
 
-    /// Mean and spread of the distances from a point, and the furthest line.
+    /// Looks at all distances from a point; the lines that the test calls far.
+    fn look(&mut self, centre: &Vector3<f64>, spared_m: f64) {
+        let Spread { mean_m, sigma_m } = self.spread(centre);
+        let count = self.places.len();
+        let limit_m = spared_m.max(mean_m + self.tau.tau(count) * sigma_m);
+        self.look.centre_m = *centre;
+        self.look.sum_m = mean_m * count as f64;
+        self.look.limit_m = limit_m;
+        self.look.far.clear();
+        for (pack, distances) in self.distances_m[..self.kept.len()].iter().enumerate() {
+            for (lane, distance_m) in distances.0.iter().enumerate() {
+                if *distance_m > limit_m {
+                    self.look.far.push((pack * LANES + lane, *distance_m));
+                }
+            }
+        }
+        self.look.far.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
+    }
+
+    /// Of the lines that were far at the last look, the furthest from a point now, and its distance, m.
+    fn furthest(&self, centre: &Vector3<f64>) -> Option<(usize, f64)> {
+        let moved_m = (centre - self.look.centre_m).norm();
+        let far = &self.look.far;
+        // A line that was nearer than this has not overtaken the top.
+        let least_m = far.first()?.1 - 2.0 * moved_m;
+        far.iter()
+            .take_while(|(_, distance_m)| *distance_m >= least_m)
+            .map(|(line, _)| (*line, distance_m(&ray(&self.kept, *line), centre)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The line that the test drops next, where that is sure without a look at all.
+    fn surely_out(&mut self, centre: &Vector3<f64>, spared_m: f64) -> Option<usize> {
+        let (line, distance_m) = self.furthest(centre)?;
+        let moved_m = (centre - self.look.centre_m).norm();
+        let count = self.places.len();
+        let mean_m = self.look.sum_m / count as f64;
+        let (least_m, most_m) = ((mean_m - moved_m).max(0.0), mean_m + moved_m);
+        let variance_m2 = variance(self.sums.squares_from(centre), least_m, count);
+        let limit_m = spared_m.max(most_m + self.tau.tau(count) * variance_m2.sqrt());
+        // The others are at most a move beyond the last limit.
+        (distance_m > limit_m.max(self.look.limit_m + moved_m)).then_some(line)
+    }
+
+    /// Mean and spread of the distances from a point.
     fn spread(&mut self, centre: &Vector3<f64>) -> Spread {
         let count = self.places.len();
         let out = &mut self.distances_m[..self.kept.len()];
-        let (sum, squares, top) = Arch::new().dispatch(DistancesFrom { kept: &self.kept, centre, out });
-        let mean_m = sum / count as f64;
-        let variance = (squares - sum * mean_m) / (count.max(2) - 1) as f64;
-        let pack = self.distances_m[..self.kept.len()].iter().position(|d| d.0.contains(&top)).unwrap_or(0);
-        let lane = self.distances_m[pack].0.iter().position(|d| *d == top).unwrap_or(0);
-        Spread {
-            mean_m,
-            sigma_m: variance.max(0.0).sqrt(),
-            furthest: (pack * LANES + lane).min(count - 1),
-            furthest_m: top,
-        }
+        let (sum_m, squares_m2) = dispatch(DistancesFrom { kept: &self.kept, centre, out });
+        let mean_m = sum_m / count as f64;
+        Spread { mean_m, sigma_m: variance(squares_m2, mean_m, count).sqrt() }
     }
 }
 
-/// Sum of the distances, of their squares, and the largest.
+/// Variance of so many numbers from the sum of their squares and their mean.
+fn variance(squares: f64, mean: f64, count: usize) -> f64 {
+    ((squares - count as f64 * mean * mean) / (count.max(2) - 1) as f64).max(0.0)
+}
+
+/// Distances of all lines still in from a point; their sum and that of their squares.
 struct DistancesFrom<'a> {
     kept: &'a [Rays],
     centre: &'a Vector3<f64>,
     out: &'a mut [Four],
 }
 
-impl WithSimd for DistancesFrom<'_> {
-    type Output = (f64, f64, f64);
+impl Kernel for DistancesFrom<'_> {
+    type Output = (f64, f64);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let centre = splat3(self.centre);
-        let (mut sum, mut squares, mut top) = (Four::ZERO, Four::ZERO, Four::ZERO);
-        for (rays, out) in self.kept.iter().zip(self.out) {
-            let v: Three = three!(i => rays.foot_m[i] - centre[i]);
-            let along = dot(&v, &rays.direction);
-            let squared = (dot(&v, &v) - along * along).max(Four::ZERO) * rays.filled;
+    fn run<S: Unit>(self, unit: S) -> Self::Output {
+        let (zero, centre) = (Quad::splat(unit, 0.0), splat3(unit, self.centre));
+        let (mut sum, mut squares) = (zero, zero);
+        for (r, out) in self.kept.iter().zip(self.out) {
+            let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+            let v: Quads<S> = three!(i => foot[i] - centre[i]);
+            let along = dot(&v, &n);
+            let squared = along.mul_sub_from(along, dot(&v, &v)).max(zero) * Quad::of(unit, r.filled);
             let distance = squared.sqrt();
-            *out = distance;
+            *out = distance.four();
             sum += distance;
             squares += squared;
-            top = distance.max(top);
         }
-        (sum.sum(), squares.sum(), top.0.iter().copied().fold(0.0, f64::max))
+        (sum.four().sum(), squares.four().sum())
     }
 }
 
-/// `Σ (I - nnᵀ)` and `Σ f`.
-fn sums(rays: &[Rays]) -> (Matrix3<f64>, Vector3<f64>) {
-    let mut outer = [Four::ZERO; 6];
-    let mut side = [Four::ZERO; 3];
-    let mut count = Four::ZERO;
-    for r in rays {
-        let n = &r.direction;
-        let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-        for (sum, (i, j)) in outer.iter_mut().zip(pairs) {
-            *sum += n[i] * n[j] * r.filled;
+struct SumsOf<'a>(&'a [Rays]);
+
+impl Kernel for SumsOf<'_> {
+    type Output = Sums;
+
+    #[inline(always)]
+    fn run<S: Unit>(self, unit: S) -> Sums {
+        let zero = Quad::splat(unit, 0.0);
+        let (mut outer, mut side, mut count, mut squares) = ([zero; 6], [zero; 3], zero, zero);
+        for r in self.0 {
+            let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+            let filled = Quad::of(unit, r.filled);
+            let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+            for (sum, (i, j)) in outer.iter_mut().zip(pairs) {
+                *sum = (n[i] * filled).mul_add(n[j], *sum);
+            }
+            for i in 0..3 {
+                side[i] = foot[i].mul_add(filled, side[i]);
+            }
+            count += filled;
+            squares = dot(&foot, &foot).mul_add(filled, squares);
         }
-        for i in 0..3 {
-            side[i] += r.foot_m[i] * r.filled;
+        Sums {
+            matrix: Matrix3::identity() * count.four().sum()
+                - super::likelihood::symmetric(&outer.map(Quad::four)),
+            side_m: Vector3::from(side.map(|s| s.four().sum())),
+            squares_m2: squares.four().sum(),
         }
-        count += r.filled;
     }
-    let matrix = Matrix3::identity() * count.sum() - super::likelihood::symmetric(&outer);
-    (matrix, Vector3::from(side.map(Four::sum)))
+}
+
+/// Distance of a ray from a point, m.
+fn distance_m((direction, foot_m): &(Vector3<f64>, Vector3<f64>), from_m: &Vector3<f64>) -> f64 {
+    let v = foot_m - from_m;
+    (v - direction * direction.dot(&v)).norm()
 }
 
 pub(crate) fn ray(rays: &[Rays], k: usize) -> (Vector3<f64>, Vector3<f64>) {
@@ -241,4 +350,65 @@ pub(crate) fn ray(rays: &[Rays], k: usize) -> (Vector3<f64>, Vector3<f64>) {
 fn relative_spread(matrix: &Matrix3<f64>) -> f64 {
     let mean = matrix.trace() / 3.0;
     if mean > 0.0 { (matrix.determinant() / (mean * mean * mean)).max(0.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::line::Line;
+    use crate::tracking::window::Preparation;
+    use lumenav_core::RandomStreams;
+    use rand::RngExt as _;
+
+    /// Four of five lines from near a point, the others from anywhere.
+    fn lines(seed: u64) -> Vec<Line> {
+        let mut random = RandomStreams::new(seed, 0, "centroid").stream("lines", 0);
+        let mut cube = |half_m: f64| Vector3::from_fn(|_, _| half_m * (2.0 * random.random::<f64>() - 1.0));
+        (0..210)
+            .map(|i| {
+                let through = if i % 5 == 0 { cube(0.08) } else { cube(0.006) };
+                let along = cube(1.0).normalize() * 0.4;
+                Line { t_s: 0.0, ends_world_m: [through - along, through + along] }
+            })
+            .collect()
+    }
+
+    /// The test as printed: the centre and all distances anew for each line that goes.
+    fn literal(window: &Window, spared_m: f64) -> Vec<u32> {
+        let mut kept: Vec<u32> = (0..window.len() as u32).collect();
+        loop {
+            let rays: Vec<_> = kept.iter().map(|k| ray(&window.rays, *k as usize)).collect();
+            let across = |n: &Vector3<f64>| Matrix3::identity() - n * n.transpose();
+            let matrix: Matrix3<f64> = rays.iter().map(|(n, _)| across(n)).sum();
+            let side: Vector3<f64> = rays.iter().map(|(_, foot)| foot).sum();
+            let centre = matrix.cholesky().unwrap().solve(&side);
+            let distances: Vec<f64> = rays.iter().map(|ray| distance_m(ray, &centre)).collect();
+            let n = distances.len() as f64;
+            let mean = distances.iter().sum::<f64>() / n;
+            let sigma = (distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+            let order = |a: &usize, b: &usize| distances[*a].total_cmp(&distances[*b]);
+            let furthest = (0..kept.len()).max_by(order).unwrap();
+            let limit = spared_m.max(mean + thompson::tau(kept.len()) * sigma);
+            if distances[furthest] <= limit {
+                return kept;
+            }
+            kept.remove(furthest);
+        }
+    }
+
+    #[test]
+    fn cross_the_lines_kept_are_those_of_a_look_at_all_for_each_that_goes() {
+        for seed in 0..40 {
+            let mut window = Window::default();
+            window.load(&lines(seed), &Preparation::about(Vector3::new(2e-3, 1e-3, -3e-3)), 6).unwrap();
+            for spared_m in [0.0, 0.013] {
+                let mut centroid = Centroid::default();
+                centroid.find(&window, Weight::Uniform, spared_m).unwrap();
+                let mut kept = centroid.kept().to_vec();
+                kept.sort_unstable();
+                assert_eq!(kept, literal(&window, spared_m), "seed {seed}");
+                assert!(kept.len() < 205);
+            }
+        }
+    }
 }

@@ -16,7 +16,9 @@ use super::centroid::{Centroid, Weight};
 use super::climb::Limits;
 use super::failure::Failure;
 use super::initialize::Search;
+use super::lanes::Four;
 use super::membership::{REACH_M, Share, pass};
+use super::nearest::{Nearest, nearest};
 use super::window::{Preparation, Window};
 use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked};
 use crate::line::Line;
@@ -39,6 +41,8 @@ const PASSING_END: f64 = 0.3;
 const LEAST_SHARE: f64 = 0.01;
 /// Passes for each candidate of a search.
 const CANDIDATE_PASSES: usize = 6;
+/// What a step of Gauss-Newton leaves is of second order: after one by this angle 0.8 um on an arm of 8 mm, a tenth of the rest.
+const FINE_RAD: f64 = 1e-2;
 /// Covariance over that of weighted least squares with fixed memberships: 1, not calibrated.
 const INFLATION: f64 = 1.0;
 /// Least variance of a line, m²: a fifth of a millimetre, so that few lines that happen to meet do not claim a certainty.
@@ -88,6 +92,9 @@ pub(crate) struct Classic {
     pub(crate) shares: Vec<f64>,
     pub(crate) sums: Vec<Share>,
     starts: Vec<Isometry3<f64>>,
+    /// `fcm`'s markers, which are no rigid set: a window starts where they were, not where the last pose puts them.
+    pub(crate) are_markers_free: bool,
+    nearest: Vec<Nearest>,
     /// Cost of the last pass, m².
     cost_m2: f64,
 }
@@ -107,12 +114,14 @@ impl Classic {
             centroid: Centroid::default(),
             search: Search::default(),
             starts: Vec::new(),
+            are_markers_free: false,
+            nearest: Vec::new(),
             cost_m2: 0.0,
         }
     }
 
-    /// Budget, centroid, outliers, start: afterwards `places_m` and `shares` are where the iteration begins. Poses are told from the
-    /// window's origin.
+    /// Budget, centroid, outliers, start: afterwards `places_m` and `shares` are where the iteration begins, and `sums` of a first pass
+    /// there. Poses are told from the window's origin.
     pub(crate) fn begin(
         &mut self,
         lines: &[Line],
@@ -137,12 +146,14 @@ impl Classic {
         if let Some(pose) = known {
             let local = from_origin(&pose, &about_world_m);
             self.place(&local);
-            if hint.is_none() && self.memory.markers_world_m.len() == self.body.len() {
+            if self.are_markers_free && hint.is_none() && self.memory.markers_world_m.len() == self.body.len()
+            {
                 for (at, world) in self.places_m.iter_mut().zip(&self.memory.markers_world_m) {
                     *at = world - about_world_m;
                 }
             }
-            if !self.options.predict_failures || self.start_is_sound() {
+            let passing = self.memberships();
+            if !self.options.predict_failures || self.start_is_sound(passing) {
                 return Ok((local, None));
             }
         }
@@ -153,6 +164,7 @@ impl Classic {
         };
         let found = self.best_candidate(&centre)?;
         self.place(&found);
+        self.memberships();
         Ok((found, Some(why)))
     }
 
@@ -162,27 +174,29 @@ impl Classic {
         }
     }
 
-    /// Section 3.4.4.
-    fn start_is_sound(&mut self) -> bool {
-        for (i, a) in self.places_m.iter().enumerate() {
-            if self.places_m[..i].iter().any(|b| (a - b).norm() < NEAR_M) {
-                return false;
-            }
-        }
-        let passing = self.memberships();
-        passing >= PASSING_START * self.centroid.kept().len() as f64
+    /// Section 3.4.4: of so many lines within reach of a marker.
+    fn start_is_sound(&self, passing: f64) -> bool {
+        let is_near =
+            |(i, a): (usize, &Vector3<f64>)| self.places_m[..i].iter().any(|b| (a - b).norm() < NEAR_M);
+        !self.places_m.iter().enumerate().any(is_near)
+            && passing >= PASSING_START * self.centroid.kept().len() as f64
     }
 
     /// A pass at the present places; the lines within reach of a marker.
     pub(crate) fn memberships(&mut self) -> f64 {
         let rays = self.centroid.kept_rays();
         self.cost_m2 = pass(rays, &self.places_m, &self.shares, &mut self.sums);
+        self.passing()
+    }
+
+    /// Lines within reach of a marker at the last pass.
+    fn passing(&self) -> f64 {
         self.sums.iter().map(|s| s.members).sum()
     }
 
     /// Relative activities from the memberships.
     pub(crate) fn update_shares(&mut self) {
-        let all: f64 = self.sums.iter().map(|s| s.members).sum();
+        let all = self.passing();
         if all > 0.0 {
             for (share, sums) in self.shares.iter_mut().zip(&self.sums) {
                 *share = sums.members / all;
@@ -216,22 +230,20 @@ impl Classic {
         best.map(|(_, pose)| pose).ok_or(Failure::Indefinite)
     }
 
-    fn capped_cost(&self) -> f64 {
-        let cost = |k: usize| {
-            let (n, foot) = super::centroid::ray(self.centroid.kept_rays(), k);
-            let squared = |m: &Vector3<f64>| {
-                let v = foot - m;
-                v.norm_squared() - n.dot(&v).powi(2)
-            };
-            self.places_m.iter().map(squared).fold(REACH_M * REACH_M, f64::min)
-        };
-        (0..self.centroid.kept().len()).map(cost).sum()
+    /// Squared distances of the kept lines from their markers, each capped at reach, m².
+    fn capped_cost(&mut self) -> f64 {
+        nearest(self.centroid.kept_rays(), &self.places_m, REACH_M, &mut self.nearest);
+        let mut sum = Four::ZERO;
+        for lines in &self.nearest {
+            sum += lines.squared_m2;
+        }
+        sum.sum()
     }
 
     /// Minimum over SE(3) of the cost with the memberships of the last pass (chapter 6): Gauss-Newton on sums that do not change.
     /// `false` where they do not fix a pose.
     pub(crate) fn rigid_step(&self, pose: &mut Isometry3<f64>) -> bool {
-        /// Quadratic convergence: three steps leave nothing.
+        /// Quadratic convergence: three steps leave nothing, whatever the first turn.
         const STEPS: usize = 3;
         for _ in 0..STEPS {
             let (matrix, side) = self.normal(pose);
@@ -246,7 +258,7 @@ impl Classic {
                 return false;
             }
             *pose = oplus(pose, &step);
-            if step.fixed_rows::<3>(0).norm() < 0.1 * REST_M && turn < 1e-4 {
+            if turn < FINE_RAD {
                 break;
             }
         }
@@ -278,7 +290,7 @@ impl Classic {
         (matrix, side)
     }
 
-    /// Health, covariance, roles: the answer, from the iteration's last places and pose.
+    /// Health, covariance, roles: the answer, from the iteration's last places and pose, and its last pass, less than a rest's move away.
     pub(crate) fn finish(
         &mut self,
         pose: &Isometry3<f64>,
@@ -287,7 +299,7 @@ impl Classic {
         out: &mut Tracked,
     ) -> Result<(), Failure> {
         let kept = self.centroid.kept().len();
-        let passing = self.memberships();
+        let passing = self.passing();
         if passing < PASSING_END * kept as f64 {
             return Err(Failure::Background {
                 effective: passing,
@@ -328,7 +340,7 @@ impl Classic {
     }
 
     fn check_health(&self) -> Result<(), Failure> {
-        let all: f64 = self.sums.iter().map(|s| s.members).sum();
+        let all = self.passing();
         for (marker, sums) in self.sums.iter().enumerate() {
             let share = sums.members / all;
             if !(share >= LEAST_SHARE) {
@@ -357,21 +369,15 @@ impl Classic {
         super::climb::covariance(&(matrix / scale), &self.options.limits)
     }
 
+    /// Of the markers that [`Self::capped_cost`] found.
     fn roles(&self, roles: &mut [Role]) {
         for index in &self.window.indices {
             roles[*index as usize] = Role::Dropped;
         }
-        for (k, place) in self.centroid.kept().iter().enumerate() {
-            let (n, foot) = super::centroid::ray(self.centroid.kept_rays(), k);
-            let mut best = (REACH_M * REACH_M, Role::Background);
-            for (j, m) in self.places_m.iter().enumerate() {
-                let v = foot - m;
-                let squared = v.norm_squared() - n.dot(&v).powi(2);
-                if squared < best.0 {
-                    best = (squared, Role::Marker(j as u8));
-                }
-            }
-            roles[self.window.indices[*place as usize] as usize] = best.1;
+        let markers = self.nearest.iter().flat_map(|lines| lines.marker.0);
+        for (place, marker) in self.centroid.kept().iter().zip(markers) {
+            let role = if marker < 0.0 { Role::Background } else { Role::Marker(marker as u8) };
+            roles[self.window.indices[*place as usize] as usize] = role;
         }
     }
 

@@ -3,11 +3,11 @@
 //! Candidates are the middles of pairs of lines that nearly meet; of them the one with the largest `Σ exp(-d²/2s²)`, d the distance of a
 //! line and s = [`PASSING_M`].
 
-use super::lanes::{Four, Three, dot, splat3, three};
+use super::lanes::three;
+use super::quad::{Kernel, Quad, Unit, dispatch, dot, quads, splat3};
 use super::window::{Rays, RaysThrough};
 use crate::line::Line;
 use nalgebra::Vector3;
-use pulp::{Arch, Simd, WithSimd};
 
 /// Places looked at: with a fifth of the lines from a point, one pair in 25 meets there, so 16 places of 400.
 const CANDIDATES: usize = 400;
@@ -59,7 +59,7 @@ impl Densest {
         let meetings = pairs.take(PAIRS).filter_map(|(i, j)| meeting(&lines[i], &lines[j]));
         self.places.clear();
         self.places.extend(meetings.take(CANDIDATES));
-        Arch::new().dispatch(Busiest { rays: self.rays.of(lines), places: &self.places })
+        dispatch(Busiest { rays: self.rays.of(lines), places: &self.places })
     }
 }
 
@@ -69,15 +69,15 @@ struct Busiest<'a> {
     places: &'a [Vector3<f64>],
 }
 
-impl WithSimd for Busiest<'_> {
+impl Kernel for Busiest<'_> {
     type Output = Option<Vector3<f64>>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+    fn run<S: Unit>(self, unit: S) -> Self::Output {
         let mut best = None;
         let mut most = 0.0;
         for place in self.places {
-            let passing = passing(self.rays, place);
+            let passing = passing(unit, self.rays, place);
             if passing >= most {
                 (best, most) = (Some(*place), passing);
             }
@@ -87,15 +87,16 @@ impl WithSimd for Busiest<'_> {
 }
 
 #[inline(always)]
-fn passing(rays: &[Rays], place: &Vector3<f64>) -> f64 {
-    let at = splat3(place);
-    let scale = Four::splat(-0.5 / (PASSING_M * PASSING_M));
-    let mut sum = Four::ZERO;
+fn passing<S: Unit>(unit: S, rays: &[Rays], place: &Vector3<f64>) -> f64 {
+    let at = splat3(unit, place);
+    let (zero, scale) = (Quad::splat(unit, 0.0), Quad::splat(unit, -0.5 / (PASSING_M * PASSING_M)));
+    let mut sum = zero;
     for r in rays {
-        let v: Three = three!(i => r.foot_m[i] - at[i]);
-        let along = dot(&v, &r.direction);
-        let squared = (dot(&v, &v) - along * along).max(Four::ZERO);
-        sum = r.filled.mul_add((scale * squared).exp(), sum);
+        let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+        let v = three!(i => foot[i] - at[i]);
+        let along = dot(&v, &n);
+        let squared = along.mul_sub_from(along, dot(&v, &v)).max(zero);
+        sum = Quad::of(unit, r.filled).mul_add((scale * squared).exp(), sum);
     }
-    sum.sum()
+    sum.four().sum()
 }

@@ -7,7 +7,7 @@
 //! (standard deviation [`DRAWN_SD_M`] per coordinate) does, so the estimate keeps the drawing's frame.
 
 use super::lanes::Four;
-use super::likelihood::{Likelihood, MAX_MARKERS, MarkerSums, OfPoints, Placed, Weights, pass, symmetric};
+use super::likelihood::{Likelihood, MAX_MARKERS, OfPoints, Placed, Weights, pass, symmetric};
 use super::window::Window;
 use lumenav_core::pose::skew;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Matrix6x3, Vector3};
@@ -52,15 +52,14 @@ impl MarkerEstimate {
     ) {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = likelihood.place(pose, &window.origin_world_m, weights, &mut placed);
-        let mut sums = [MarkerSums::default(); MAX_MARKERS];
-        pass::<OfPoints>(&window.shapes, &placed[..used], weights.background, &mut sums);
         let r = pose.rotation.to_rotation_matrix().into_inner();
         let n = 3 * used;
         let (mut own, mut mixed) = (DMatrix::zeros(n, n), DMatrix::zeros(n, 6));
         let mut of_pose = Matrix6::zeros();
         let mut pull = DVector::zeros(n);
         let mut pose_pull = nalgebra::Vector6::zeros();
-        for (j, (s, p)) in sums[..used].iter().zip(&placed).enumerate() {
+        let mut j = 0;
+        pass::<OfPoints>(&window.shapes, &placed[..used], weights.background, |p, s| {
             let (c, f) = (symmetric(&s.curvature), Vector3::from(s.force.map(Four::sum)));
             let turn = -(skew(&p.arm_m) * r);
             let mut jacobian = Matrix6x3::zeros();
@@ -71,7 +70,8 @@ impl MarkerEstimate {
             own.view_mut((3 * j, 3 * j), (3, 3)).copy_from(&(r.transpose() * c * r));
             mixed.view_mut((3 * j, 0), (3, 6)).copy_from(&(r.transpose() * c * jacobian.transpose()));
             pull.rows_mut(3 * j, 3).copy_from(&(r.transpose() * f));
-        }
+            j += 1;
+        });
         let Some(root) = of_pose.cholesky() else { return };
         let inverse = root.inverse();
         let taken = &mixed * inverse;

@@ -4,12 +4,12 @@
 //! integrand that is smooth and dies out), four lines at a time. (A Gauss rule of five points a side steps over what is narrow in g where the
 //! tail of the noise is wide: 15 per cent too small for the reduced scanner.)
 
-use super::lanes::{Four, LANES, Three, cross, dot, exp_of, splat3, three};
+use super::lanes::{Four, LANES, Three, cross, dot, splat3, three};
 use super::likelihood::{MAX_MARKERS, Placed};
 use super::noise::COMPONENTS;
+use super::quad::{Kernel, Quad, Unit, dispatch};
 use super::window::Shapes;
 use nalgebra::Matrix6;
-use pulp::{Arch, Simd, WithSimd};
 
 /// Steps of the grid, in standard deviations of the core: half of it changes the information by 2e-3 at most.
 const STEP: f64 = 1.0;
@@ -23,7 +23,7 @@ const PRODUCTS: usize = SCORES * (SCORES + 1) / 2;
 
 /// Force and torque about the capsule's origin, world axes, of the four lines of a pack, to 2e-3; empty places give zeros.
 pub(super) fn of_pack(shape: &Shapes, placed: &[Placed], background: f64) -> [Matrix6<f64>; LANES] {
-    let sums = Arch::new().dispatch(Grid { shape, placed, background, step: STEP });
+    let sums = dispatch(Grid { shape, placed, background, step: STEP });
     std::array::from_fn(|lane| expand(shape, lane, &sums))
 }
 
@@ -55,11 +55,11 @@ struct Seen {
     weight: Four,
 }
 
-impl WithSimd for Grid<'_> {
+impl Kernel for Grid<'_> {
     type Output = [Four; PRODUCTS];
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+    fn run<S: Unit>(self, unit: S) -> Self::Output {
         let s = self.shape;
         let none = Seen { at: [Four::ZERO; 2], arms: [[Four::ZERO; 3]; 2], weight: Four::ZERO };
         let mut seen = [none; MAX_MARKERS];
@@ -95,7 +95,7 @@ impl WithSimd for Grid<'_> {
             for k in -along..=along {
                 let y = middle[1] + Four::splat(self.step * f64::from(k));
                 let at = [y.mul_add(minor.step[0], along_major[0]), y.mul_add(minor.step[1], along_major[1])];
-                add_point(s, seen, background, &at, is_in * is_within(k, sides[1]), &mut sums);
+                add_point(unit, s, seen, background, &at, is_in * is_within(k, sides[1]), &mut sums);
             }
         }
         let area = Four::splat(self.step * self.step) * major.length * minor.length;
@@ -162,7 +162,8 @@ fn is_within(step: i32, side: Four) -> Four {
 
 /// Adds `s sᵀ / p` at an offset, s the markers' densities times their scores.
 #[inline(always)]
-fn add_point(
+fn add_point<S: Unit>(
+    unit: S,
     shape: &Shapes,
     seen: &[Seen],
     background: Four,
@@ -176,10 +177,10 @@ fn add_point(
         let (x, y) = (at[0] - m.at[0], at[1] - m.at[1]);
         let half = Four::splat(-0.5);
         let (xx, xy, yy) = (half * x * x, -(x * y), half * y * y);
-        let density = exp_of(three!(k => {
+        let density: Three = three!(k => {
             let [a, b, c] = shape.precision[k];
-            a.mul_add(xx, b.mul_add(xy, c * yy))
-        }));
+            Quad::of(unit, a.mul_add(xx, b.mul_add(xy, c * yy))).exp().four()
+        });
         let (mut fx, mut fy) = (Four::ZERO, Four::ZERO);
         for k in 0..COMPONENTS {
             let [a, b, c] = shape.precision[k];

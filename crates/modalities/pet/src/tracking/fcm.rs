@@ -22,14 +22,18 @@ pub struct Fcm {
 impl Fcm {
     /// For a marker set.
     pub fn new(set: &MarkerSet, options: ClassicOptions) -> Self {
-        Self { classic: Classic::new(set, options) }
+        let mut classic = Classic::new(set, options);
+        classic.are_markers_free = true;
+        Self { classic }
     }
 
     fn window(&mut self, lines: &[Line], prior: Option<&Prior>, out: &mut Tracked) -> Result<(), Failure> {
         let c = &mut self.classic;
         let (_, why) = c.begin(lines, prior)?;
-        for _ in 0..MAX_PASSES {
-            c.memberships();
+        for pass in 1..=MAX_PASSES {
+            if pass > 1 {
+                c.memberships();
+            }
             let mut largest_m: f64 = 0.0;
             for (place, sums) in c.places_m.iter_mut().zip(&c.sums) {
                 if sums.weight > 0.0 {

@@ -18,12 +18,12 @@
 //!
 //! [`Likelihood::expected_information`] integrates `g gᵀ` over the model's own law of each line's offset (`expected.rs`).
 
-use super::lanes::{Four, LogSum, Three, cross, dot, exp_of, splat3, three};
+use super::lanes::{Four, three};
 use super::noise::COMPONENTS;
+use super::quad::{Kernel, LogSum, Quad, Quads, Unit, cross, dispatch, dot, quads, splat3};
 use super::window::{Shapes, Window};
 use lumenav_core::pose::skew;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
-use pulp::{Arch, Simd, WithSimd};
 use std::marker::PhantomData;
 
 /// Shares of markers and background.
@@ -78,22 +78,33 @@ pub struct Likelihood {
 
 /// What a pass sums for one marker.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct MarkerSums {
+pub(crate) struct MarkerSums<T = Four> {
     /// Responsibilities.
-    pub(crate) lines: Four,
+    pub(crate) lines: T,
     /// Force, 1/m.
-    pub(crate) force: Three,
+    pub(crate) force: [T; 3],
     /// `Σ E^T [...] E`: xx, xy, xz, yy, yz, zz, 1/m².
-    pub(crate) curvature: [Four; 6],
+    pub(crate) curvature: [T; 6],
+}
+
+impl<T: Copy> MarkerSums<T> {
+    fn nothing(zero: T) -> Self {
+        Self { lines: zero, force: [zero; 3], curvature: [zero; 6] }
+    }
+
+    #[inline(always)]
+    fn map<U>(self, of: impl Fn(T) -> U) -> MarkerSums<U> {
+        MarkerSums { lines: of(self.lines), force: self.force.map(&of), curvature: self.curvature.map(&of) }
+    }
 }
 
 /// What a pass sums over all.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sums {
-    pub(crate) log_likelihood: LogSum,
-    pub(crate) background: Four,
+pub(crate) struct Sums<L = f64, T = Four> {
+    pub(crate) log_likelihood: L,
+    pub(crate) background: T,
     /// Upper triangle of `Σ g g^T`, rows first, force before torque about the capsule's origin, world.
-    pub(crate) outer: [Four; 21],
+    pub(crate) outer: [T; 21],
 }
 
 /// One marker as a pass sees it.
@@ -126,36 +137,38 @@ impl Purpose for OfPoints {
 /// More markers than this are not read from a file.
 pub(crate) const MAX_MARKERS: usize = 32;
 
-/// One pass over a window.
+/// One pass over a window; tells each marker's sums.
 pub(crate) fn pass<P: Purpose>(
     shapes: &[Shapes],
     placed: &[Placed],
     background: f64,
-    of_marker: &mut [MarkerSums],
+    tell: impl FnMut(&Placed, &MarkerSums),
 ) -> Sums {
     /// A loop for a fixed number of markers; empty places have no weight.
     fn fixed<P: Purpose, const J: usize>(
         shapes: &[Shapes],
         placed: &[Placed],
         background: f64,
-        of_marker: &mut [MarkerSums],
+        mut tell: impl FnMut(&Placed, &MarkerSums),
     ) -> Sums {
         let mut all = [Placed::default(); J];
         let used = placed.len().min(J);
         all[..used].copy_from_slice(&placed[..used]);
         let loops = Loop::<P, J> { shapes, placed: &all, background, purpose: PhantomData };
-        let (sums, marker_sums) = Arch::new().dispatch(loops);
-        of_marker[..used].copy_from_slice(&marker_sums[..used]);
+        let (sums, marker_sums) = dispatch(loops);
+        for (placed, sums) in placed.iter().zip(&marker_sums) {
+            tell(placed, sums);
+        }
         sums
     }
     match placed.len() {
-        0..=1 => fixed::<P, 1>(shapes, placed, background, of_marker),
-        2 => fixed::<P, 2>(shapes, placed, background, of_marker),
-        3 => fixed::<P, 3>(shapes, placed, background, of_marker),
-        4 => fixed::<P, 4>(shapes, placed, background, of_marker),
-        5..=6 => fixed::<P, 6>(shapes, placed, background, of_marker),
-        7..=12 => fixed::<P, 12>(shapes, placed, background, of_marker),
-        _ => fixed::<P, MAX_MARKERS>(shapes, placed, background, of_marker),
+        0..=1 => fixed::<P, 1>(shapes, placed, background, tell),
+        2 => fixed::<P, 2>(shapes, placed, background, tell),
+        3 => fixed::<P, 3>(shapes, placed, background, tell),
+        4 => fixed::<P, 4>(shapes, placed, background, tell),
+        5..=6 => fixed::<P, 6>(shapes, placed, background, tell),
+        7..=12 => fixed::<P, 12>(shapes, placed, background, tell),
+        _ => fixed::<P, MAX_MARKERS>(shapes, placed, background, tell),
     }
 }
 
@@ -167,95 +180,126 @@ struct Loop<'a, P, const J: usize> {
     purpose: PhantomData<P>,
 }
 
-impl<P: Purpose, const J: usize> WithSimd for Loop<'_, P, J> {
+impl<P: Purpose, const J: usize> Kernel for Loop<'_, P, J> {
     type Output = (Sums, [MarkerSums; J]);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let mut of_marker = [MarkerSums::default(); J];
-        let mut sums =
-            Sums { log_likelihood: LogSum::default(), background: Four::ZERO, outer: [Four::ZERO; 21] };
-        let at: [Three; J] = std::array::from_fn(|j| splat3(&self.placed[j].at_m));
-        let arms: [Three; J] = std::array::from_fn(|j| splat3(&self.placed[j].arm_m));
-        let weights: [Four; J] = std::array::from_fn(|j| Four::splat(self.placed[j].weight));
-        let share = Four::splat(self.background);
-        for s in self.shapes {
-            one_pack::<P, J>(s, &at, &arms, &weights, share, &mut of_marker, &mut sums);
+    fn run<S: Unit>(self, unit: S) -> Self::Output {
+        let zero = Quad::splat(unit, 0.0);
+        let mut of_marker = [MarkerSums::nothing(zero); J];
+        let mut sums = Sums { log_likelihood: LogSum::new(unit), background: zero, outer: [zero; 21] };
+        let mut markers = [Spread::new(unit, &self.placed[0]); J];
+        for (to, from) in markers.iter_mut().zip(self.placed) {
+            *to = Spread::new(unit, from);
         }
-        (sums, of_marker)
+        let share = Quad::splat(unit, self.background);
+        for s in self.shapes {
+            one_pack::<P, S, J>(unit, s, &markers, share, &mut of_marker, &mut sums);
+        }
+        let sums = Sums {
+            log_likelihood: sums.log_likelihood.sum(),
+            background: sums.background.four(),
+            outer: sums.outer.map(Quad::four),
+        };
+        (sums, of_marker.map(|m| m.map(Quad::four)))
     }
 }
 
+/// A marker in all lanes.
+#[derive(Clone, Copy)]
+struct Spread<S: Unit> {
+    at: Quads<S>,
+    arm: Quads<S>,
+    weight: Quad<S>,
+}
+
+impl<S: Unit> Spread<S> {
+    #[inline(always)]
+    fn new(unit: S, of: &Placed) -> Self {
+        Self {
+            at: splat3(unit, &of.at_m),
+            arm: splat3(unit, &of.arm_m),
+            weight: Quad::splat(unit, of.weight),
+        }
+    }
+}
+
+/// Offsets of four lines from a marker, and `c_k exp(-½ uᵀ P_k u)` times its weight.
 #[inline(always)]
-fn one_pack<P: Purpose, const J: usize>(
+fn densities<S: Unit>(unit: S, s: &Shapes, at: &Quads<S>, weight: Quad<S>) -> ([Quad<S>; 2], Quads<S>) {
+    let (e1, e2, foot) = (quads(unit, &s.e1), quads(unit, &s.e2), quads(unit, &s.at));
+    let (x, y) = (foot[0] - dot(&e1, at), foot[1] - dot(&e2, at));
+    let half = Quad::splat(unit, -0.5);
+    let squares = [half * x * x, -(x * y), half * y * y];
+    let of_component = three!(k => {
+        let q = dot(&quads(unit, &s.precision[k]), &squares);
+        weight * Quad::of(unit, s.peak[k]) * q.exp()
+    });
+    ([x, y], of_component)
+}
+
+#[inline(always)]
+fn one_pack<P: Purpose, S: Unit, const J: usize>(
+    unit: S,
     s: &Shapes,
-    at: &[Three; J],
-    arms: &[Three; J],
-    weights: &[Four; J],
-    share: Four,
-    of_marker: &mut [MarkerSums; J],
-    sums: &mut Sums,
+    markers: &[Spread<S>; J],
+    share: Quad<S>,
+    of_marker: &mut [MarkerSums<Quad<S>>; J],
+    sums: &mut Sums<LogSum<S>, Quad<S>>,
 ) {
-    let half = Four::splat(-0.5);
-    let mut u = [[Four::ZERO; 2]; J];
-    let mut e = [[Four::ZERO; COMPONENTS]; J];
-    let from_background = share * s.background;
+    let zero = Quad::splat(unit, 0.0);
+    let (mut u, mut e) = ([[zero; 2]; J], [[zero; COMPONENTS]; J]);
+    let from_background = share * Quad::of(unit, s.background);
     let mut total = from_background;
-    for j in 0..J {
-        let x = s.at[0] - dot(&s.e1, &at[j]);
-        let y = s.at[1] - dot(&s.e2, &at[j]);
-        u[j] = [x, y];
-        let (xx, xy, yy) = (half * x * x, -(x * y), half * y * y);
-        let q = exp_of(three!(k => quadratic(&s.precision[k], xx, xy, yy)));
-        e[j] = three!(k => weights[j] * s.peak[k] * q[k]);
+    for (j, marker) in markers.iter().enumerate() {
+        (u[j], e[j]) = densities(unit, s, &marker.at, marker.weight);
+        total = total + e[j][0] + e[j][1] + e[j][2];
     }
-    for of_marker in &e {
-        total = total + of_marker[0] + of_marker[1] + of_marker[2];
-    }
-    sums.log_likelihood.add(total, s.filled);
-    let inverse = s.filled / total;
+    let filled = Quad::of(unit, s.filled);
+    sums.log_likelihood.add(total, filled);
+    let inverse = filled / total;
     sums.background = from_background.mul_add(inverse, sums.background);
-    let mut score = [Four::ZERO; 6];
+    let (e1, e2) = (quads(unit, &s.e1), quads(unit, &s.e2));
+    let mut score = [zero; 6];
     for j in 0..J {
         let [x, y] = u[j];
-        let mut w = [Four::ZERO; 3];
-        let (mut tx, mut ty, mut lines) = (Four::ZERO, Four::ZERO, Four::ZERO);
+        let mut w = [zero; 3];
+        let (mut tx, mut ty, mut lines) = (zero, zero, zero);
         for k in 0..COMPONENTS {
-            let p = &s.precision[k];
+            let p = quads(unit, &s.precision[k]);
             let rho = e[j][k] * inverse;
             let (px, py) = (p[0].mul_add(x, p[1] * y), p[1].mul_add(x, p[2] * y));
             let (rx, ry) = (rho * px, rho * py);
             lines += rho;
             tx += rx;
             ty += ry;
+            for i in 0..3 {
+                w[i] = rho.mul_add(p[i], w[i]);
+            }
             if P::OBSERVED {
-                w[0] = rho.mul_add(p[0], (-rx).mul_add(px, w[0]));
-                w[1] = rho.mul_add(p[1], (-rx).mul_add(py, w[1]));
-                w[2] = rho.mul_add(p[2], (-ry).mul_add(py, w[2]));
-            } else {
-                for i in 0..3 {
-                    w[i] = rho.mul_add(p[i], w[i]);
-                }
+                w[0] = rx.mul_sub_from(px, w[0]);
+                w[1] = rx.mul_sub_from(py, w[1]);
+                w[2] = ry.mul_sub_from(py, w[2]);
             }
         }
         let m = &mut of_marker[j];
         m.lines += lines;
-        let force: Three = three!(i => s.e1[i].mul_add(tx, s.e2[i] * ty));
+        let force: Quads<S> = three!(i => e1[i].mul_add(tx, e2[i] * ty));
         for i in 0..3 {
             m.force[i] += force[i];
         }
         // E^T W E, W symmetric.
-        let a: Three = three!(i => s.e1[i].mul_add(w[0], s.e2[i] * w[1]));
-        let b: Three = three!(i => s.e1[i].mul_add(w[1], s.e2[i] * w[2]));
+        let a: Quads<S> = three!(i => e1[i].mul_add(w[0], e2[i] * w[1]));
+        let b: Quads<S> = three!(i => e1[i].mul_add(w[1], e2[i] * w[2]));
         let mut n = 0;
         for i in 0..3 {
             for l in i..3 {
-                m.curvature[n] = a[i].mul_add(s.e1[l], b[i].mul_add(s.e2[l], m.curvature[n]));
+                m.curvature[n] = a[i].mul_add(e1[l], b[i].mul_add(e2[l], m.curvature[n]));
                 n += 1;
             }
         }
         if P::OBSERVED {
-            let torque = cross(&arms[j], &force);
+            let torque = cross(&markers[j].arm, &force);
             for i in 0..3 {
                 score[i] += force[i];
                 score[i + 3] += torque[i];
@@ -271,12 +315,6 @@ fn one_pack<P: Purpose, const J: usize>(
             }
         }
     }
-}
-
-/// `P · (xx, xy, yy)`.
-#[inline(always)]
-fn quadratic(precision: &Three, xx: Four, xy: Four, yy: Four) -> Four {
-    dot(precision, &[xx, xy, yy])
 }
 
 /// A symmetric 3 x 3 matrix from its upper triangle.
@@ -313,13 +351,12 @@ impl Likelihood {
     pub fn evaluate(&self, window: &Window, pose: &Isometry3<f64>, weights: &Weights, out: &mut Evaluation) {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
-        let mut of_marker = [MarkerSums::default(); MAX_MARKERS];
-        let sums = pass::<OfPose>(&window.shapes, &placed[..used], weights.background, &mut of_marker);
         let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
         let (mut pp, mut pr, mut rr) = (Matrix3::zeros(), Matrix3::zeros(), Matrix3::zeros());
-        out.lines_of_marker.clear();
-        for (m, p) in of_marker[..used].iter().zip(&placed) {
-            out.lines_of_marker.push(m.lines.sum());
+        let lines_of_marker = &mut out.lines_of_marker;
+        lines_of_marker.clear();
+        let sums = pass::<OfPose>(&window.shapes, &placed[..used], weights.background, |p, m| {
+            lines_of_marker.push(m.lines.sum());
             let f = Vector3::from(m.force.map(Four::sum));
             let (c, k, a) = (symmetric(&m.curvature), skew(&p.arm_m), p.arm_m);
             force += f;
@@ -329,7 +366,7 @@ impl Likelihood {
             pr -= c * k;
             rr -= k * c * k;
             rr -= (f * a.transpose() + a * f.transpose()) * 0.5 - Matrix3::identity() * a.dot(&f);
-        }
+        });
         let mut information = Matrix6::zeros();
         information.fixed_view_mut::<3, 3>(0, 0).copy_from(&pp);
         information.fixed_view_mut::<3, 3>(0, 3).copy_from(&pr);
@@ -348,7 +385,7 @@ impl Likelihood {
         }
         // φ in world axes is R θ.
         let r = pose.rotation.to_rotation_matrix().into_inner();
-        out.log_likelihood = sums.log_likelihood.sum();
+        out.log_likelihood = sums.log_likelihood;
         out.background_lines = sums.background.sum();
         out.gradient.fixed_rows_mut::<3>(0).copy_from(&force);
         out.gradient.fixed_rows_mut::<3>(3).copy_from(&(r.transpose() * torque));
@@ -406,7 +443,7 @@ fn to_capsule_axes(information: &Matrix6<f64>, r: &Matrix3<f64>) -> Matrix6<f64>
 
 /// `Σ ln p_i` of markers at these places.
 pub(crate) fn value(shapes: &[Shapes], placed: &[Placed], background: f64) -> f64 {
-    Arch::new().dispatch(Value { shapes, placed, background })
+    dispatch(Value { shapes, placed, background })
 }
 
 struct Value<'a> {
@@ -415,18 +452,19 @@ struct Value<'a> {
     background: f64,
 }
 
-impl WithSimd for Value<'_> {
+impl Kernel for Value<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let mut sum = LogSum::default();
+    fn run<S: Unit>(self, unit: S) -> f64 {
+        let mut sum = LogSum::new(unit);
+        let share = Quad::splat(unit, self.background);
         for s in self.shapes {
-            let mut total = Four::splat(self.background) * s.background;
+            let mut total = share * Quad::of(unit, s.background);
             for p in self.placed {
-                total += density(s, p);
+                total += density(unit, s, p);
             }
-            sum.add(total, s.filled);
+            sum.add(total, Quad::of(unit, s.filled));
         }
         sum.sum()
     }
@@ -440,7 +478,7 @@ pub(crate) fn likeliest_origins(
     found: &mut Vec<Four>,
 ) {
     found.clear();
-    Arch::new().dispatch(Origins { shapes, placed, background, found });
+    dispatch(Origins { shapes, placed, background, found });
 }
 
 struct Origins<'a> {
@@ -450,32 +488,28 @@ struct Origins<'a> {
     found: &'a mut Vec<Four>,
 }
 
-impl WithSimd for Origins<'_> {
+impl Kernel for Origins<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<S: Unit>(self, unit: S) {
+        let all = |number: f64| Quad::splat(unit, number);
         for s in self.shapes {
-            let mut most = Four::splat(self.background) * s.background;
-            let mut origin = Four::splat(-1.0);
+            let mut most = all(self.background) * Quad::of(unit, s.background);
+            let mut origin = all(-1.0);
             for (marker, p) in self.placed.iter().enumerate() {
-                let of_marker = density(s, p);
-                origin = most.less_select(of_marker, Four::splat(marker as f64), origin);
+                let of_marker = density(unit, s, p);
+                origin = most.less_select(of_marker, all(marker as f64), origin);
                 most = of_marker.max(most);
             }
-            self.found.push(origin);
+            self.found.push(origin.four());
         }
     }
 }
 
 /// What one marker adds to the density of four lines.
 #[inline(always)]
-fn density(s: &Shapes, p: &Placed) -> Four {
-    let at = splat3(&p.at_m);
-    let x = s.at[0] - dot(&s.e1, &at);
-    let y = s.at[1] - dot(&s.e2, &at);
-    let half = Four::splat(-0.5);
-    let (xx, xy, yy) = (half * x * x, -(x * y), half * y * y);
-    let q = exp_of(three!(k => quadratic(&s.precision[k], xx, xy, yy)));
-    dot(&s.peak, &q) * Four::splat(p.weight)
+fn density<S: Unit>(unit: S, s: &Shapes, p: &Placed) -> Quad<S> {
+    let (_, of_component) = densities(unit, s, &splat3(unit, &p.at_m), Quad::splat(unit, p.weight));
+    of_component[0] + of_component[1] + of_component[2]
 }

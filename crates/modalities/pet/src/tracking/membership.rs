@@ -8,17 +8,22 @@
 //! Signs: than2015 eq. 6.10 has d with the wrong sign (harmless in |d|², not in a step), eq. 6.24 prints `n_iy² - 1` where
 //! `n_iz² - 1` belongs, eq. 3.10 lacks a minus that 6.22 has. Here A is positive semidefinite and d points from marker to line.
 //! Distances below 1 um count as 1 um, so that a line through a marker is its own and nothing divides by zero.
+//!
+//! The loop goes by [`CHUNK`] packs and there by steps, not by packs: roots are long chains of operations that wait for each other,
+//! and those of several packs are made meanwhile.
 
-use super::lanes::{Four, Three, dot, splat3, three};
+use super::lanes::{Four, three};
 use super::likelihood::MAX_MARKERS;
+use super::quad::{Kernel, Quad, Quads, Unit, dispatch, dot, quads, splat3};
 use super::window::Rays;
 use nalgebra::{Matrix3, Vector3};
-use pulp::{Arch, Simd, WithSimd};
 
 /// Exponent of the memberships.
 pub const FUZZINESS: f64 = 1.6;
 /// A line further from a marker than this is none of its own, m.
 pub const REACH_M: f64 = 5e-3;
+/// Packs whose roots are made together.
+const CHUNK: usize = 4;
 /// Square of the smallest distance, m².
 const SMALLEST_M2: f64 = 1e-12;
 
@@ -35,19 +40,31 @@ pub(crate) struct Share {
     pub(crate) matrix: Matrix3<f64>,
 }
 
-/// Relative activity f of a marker, and f^q.
-#[derive(Clone, Copy)]
-struct Activity {
-    plain: Four,
-    powered: Four,
+/// A marker as a pass sees it.
+#[derive(Clone, Copy, Default)]
+struct Placed {
+    at_m: Vector3<f64>,
+    /// Relative activity f.
+    share: f64,
+    /// f^q.
+    powered: f64,
 }
 
+/// As [`Placed`], in all lanes.
+#[derive(Clone, Copy)]
+struct Spread<S: Unit> {
+    at: Quads<S>,
+    share: Quad<S>,
+    powered: Quad<S>,
+}
+
+/// What four lines add to each sum of a marker.
 #[derive(Clone, Copy, Default)]
-struct Sums {
-    members: Four,
-    weight: Four,
-    side: Three,
-    matrix: [Four; 6],
+struct Sums<T = Four> {
+    members: T,
+    weight: T,
+    side: [T; 3],
+    matrix: [T; 6],
 }
 
 /// A pass: memberships at these places with these shares; `Σ u^q d²`, m².
@@ -59,14 +76,13 @@ pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out
         out: &mut [Share],
     ) -> f64 {
         let used = places_m.len().min(J);
-        let place = |k: usize| places_m.get(k).copied().unwrap_or_default();
-        let at: [Three; J] = std::array::from_fn(|k| splat3(&place(k)));
         // Empty places have no share and own nothing.
-        let share: [Activity; J] = std::array::from_fn(|k| {
-            let f = shares.get(k).map_or(0.0, |f| f.max(1e-9));
-            Activity { plain: Four::splat(f), powered: Four::splat(f.powf(FUZZINESS)) }
-        });
-        let (cost_m2, sums) = Arch::new().dispatch(Loop { rays, at: &at, share: &share });
+        let mut placed = [Placed { share: 1e-9, powered: 0.0, ..Placed::default() }; J];
+        for ((to, at_m), f) in placed.iter_mut().zip(places_m).zip(shares) {
+            let share = f.max(1e-9);
+            *to = Placed { at_m: *at_m, share, powered: share.powf(FUZZINESS) };
+        }
+        let (cost_m2, sums) = dispatch(Loop { rays, placed: &placed });
         for (share, s) in out.iter_mut().zip(&sums[..used]) {
             *share = Share {
                 members: s.members.sum(),
@@ -87,68 +103,128 @@ pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out
 /// The loop over a window's packs.
 struct Loop<'a, const J: usize> {
     rays: &'a [Rays],
-    at: &'a [Three; J],
-    share: &'a [Activity; J],
+    placed: &'a [Placed; J],
 }
 
-impl<const J: usize> WithSimd for Loop<'_, J> {
+impl<const J: usize> Kernel for Loop<'_, J> {
     type Output = (f64, [Sums; J]);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let mut sums = [Sums::default(); J];
-        let mut cost = Four::ZERO;
-        for r in self.rays {
-            cost += one_pack::<J>(r, self.at, self.share, &mut sums);
+    fn run<S: Unit>(self, unit: S) -> Self::Output {
+        let all = |number: f64| Quad::splat(unit, number);
+        let spread = |of: &Placed| Spread {
+            at: splat3(unit, &of.at_m),
+            share: all(of.share),
+            powered: all(of.powered),
+        };
+        let zero = all(0.0);
+        let mut placed = [spread(&Placed::default()); J];
+        for (to, from) in placed.iter_mut().zip(self.placed) {
+            *to = spread(from);
         }
-        (cost.sum(), sums)
+        let none = Sums { members: zero, weight: zero, side: [zero; 3], matrix: [zero; 6] };
+        let (mut sums, mut cost) = ([none; J], zero);
+        let nothing = Pack { squared: [zero; J], roots: [zero; J], own: [zero; J], total: zero, root: zero };
+        // Behind the end of the last chunk are packs of the one before, which nobody looks at.
+        let mut packs = [nothing; CHUNK];
+        for rays in self.rays.chunks(CHUNK) {
+            for (pack, r) in packs.iter_mut().zip(rays) {
+                *pack = Pack::new(unit, r, &placed);
+            }
+            for pack in &mut packs[..rays.len()] {
+                pack.root = pack.total.inverse_fifth_root();
+            }
+            // Marker by marker: one's sums have room in the registers.
+            for k in 0..J {
+                let mut of_marker = sums[k];
+                for (pack, r) in packs.iter().zip(rays) {
+                    cost += pack.share_out(unit, k, r, &placed[k], &mut of_marker);
+                }
+                sums[k] = of_marker;
+            }
+        }
+        (cost.four().sum(), sums.map(|s| s.map(Quad::four)))
     }
 }
 
-#[inline(always)]
-fn one_pack<const J: usize>(r: &Rays, at: &[Three; J], share: &[Activity; J], sums: &mut [Sums; J]) -> Four {
-    // With y = d^(-2/3), m^(-2/3): d^(-2/(q-1)) = y⁵ and its q-th power y⁸, q = 1.6; with t the sum of f y⁵ and r = t^(-1/5), u = f y⁵ r⁵
-    // and u^q = f^q (y r)⁸.
-    let mut squared = [Four::ZERO; J];
-    let mut roots = [Four::ZERO; J];
-    let mut own = [Four::ZERO; J];
-    for k in 0..J {
-        let v: Three = three!(i => r.foot_m[i] - at[k][i]);
-        let along = dot(&v, &r.direction);
-        squared[k] = (dot(&v, &v) - along * along).max(Four::splat(SMALLEST_M2));
-        roots[k] = squared[k].inverse_cube_root();
-        let y2 = roots[k] * roots[k];
-        own[k] = share[k].plain * roots[k] * (y2 * y2);
+/// Four lines on their way to memberships: with y = d^(-2/3), m^(-2/3), d^(-2/(q-1)) is y⁵ and its q-th power y⁸, q = 1.6.
+#[derive(Clone, Copy)]
+struct Pack<S: Unit, const J: usize> {
+    /// d².
+    squared: [Quad<S>; J],
+    /// y.
+    roots: [Quad<S>; J],
+    /// f y⁵.
+    own: [Quad<S>; J],
+    /// t, the sum of these.
+    total: Quad<S>,
+    /// t^(-1/5), r.
+    root: Quad<S>,
+}
+
+impl<S: Unit, const J: usize> Pack<S, J> {
+    #[inline(always)]
+    fn new(unit: S, r: &Rays, placed: &[Spread<S>; J]) -> Self {
+        let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+        let (zero, least) = (Quad::splat(unit, 0.0), Quad::splat(unit, SMALLEST_M2));
+        let (mut squared, mut roots, mut own) = ([zero; J], [zero; J], [zero; J]);
+        let mut total = Quad::splat(unit, f64::MIN_POSITIVE);
+        for k in 0..J {
+            let v: Quads<S> = three!(i => foot[i] - placed[k].at[i]);
+            let along = dot(&v, &n);
+            squared[k] = along.mul_sub_from(along, dot(&v, &v)).max(least);
+            let root = squared[k].inverse_cube_root();
+            let square = root * root;
+            roots[k] = root;
+            own[k] = placed[k].share * root * (square * square);
+            total += own[k];
+        }
+        Self { squared, roots, own, total, root: zero }
     }
-    let mut total = Four::splat(f64::MIN_POSITIVE);
-    for of_marker in own {
-        total += of_marker;
-    }
-    let root = total.inverse_fifth_root();
-    let root2 = root * root;
-    let inverse = root2 * root2 * root;
-    let reach = Four::splat(REACH_M * REACH_M);
-    let mut cost = Four::ZERO;
-    for k in 0..J {
-        let inside = squared[k].less_select(reach, r.filled, Four::ZERO);
-        let u = own[k] * inverse * inside;
-        let z = roots[k] * root;
+
+    /// Adds to the sums of a marker: u = f y⁵ r⁵ and u^q = f^q (y r)⁸. The cost.
+    #[inline(always)]
+    fn share_out(
+        &self,
+        unit: S,
+        k: usize,
+        r: &Rays,
+        placed: &Spread<S>,
+        sums: &mut Sums<Quad<S>>,
+    ) -> Quad<S> {
+        let (zero, reach) = (Quad::splat(unit, 0.0), Quad::splat(unit, REACH_M * REACH_M));
+        let inside = self.squared[k].less_select(reach, Quad::of(unit, r.filled), zero);
+        let square = self.root * self.root;
+        sums.members = (self.own[k] * inside).mul_add(square * square * self.root, sums.members);
+        let z = self.roots[k] * self.root;
         let z2 = z * z;
         let z4 = z2 * z2;
-        let w = share[k].powered * (z4 * z4) * inside;
-        let s = &mut sums[k];
-        s.members += u;
-        s.weight += w;
-        cost = w.mul_add(squared[k], cost);
-        let n = &r.direction;
-        let wn: Three = three!(i => w * n[i]);
+        let w = placed.powered * (z4 * z4) * inside;
+        sums.add(w, &quads(unit, &r.direction), &quads(unit, &r.foot_m));
+        w * self.squared[k]
+    }
+}
+
+impl<S: Unit> Sums<Quad<S>> {
+    /// Four lines of these weights u^q.
+    #[inline(always)]
+    fn add(&mut self, w: Quad<S>, n: &Quads<S>, foot: &Quads<S>) {
+        self.weight += w;
+        let wn: Quads<S> = three!(i => w * n[i]);
         for i in 0..3 {
-            s.side[i] = w.mul_add(r.foot_m[i], s.side[i]);
+            self.side[i] = w.mul_add(foot[i], self.side[i]);
         }
         let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-        for (sum, (i, l)) in s.matrix.iter_mut().zip(pairs) {
+        for (sum, (i, l)) in self.matrix.iter_mut().zip(pairs) {
             *sum = wn[i].mul_add(n[l], *sum);
         }
     }
-    cost
+}
+
+impl<T> Sums<T> {
+    #[inline(always)]
+    fn map<U>(self, of: impl Fn(T) -> U) -> Sums<U> {
+        let (members, weight) = (of(self.members), of(self.weight));
+        Sums { members, weight, side: self.side.map(&of), matrix: self.matrix.map(&of) }
+    }
 }

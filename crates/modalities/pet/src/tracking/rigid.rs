@@ -36,8 +36,10 @@ impl Rigid {
         let (mut pose, why) = c.begin(lines, prior)?;
         let mut ahead = Ahead::from(&pose);
         for pass in 1..=MAX_PASSES {
-            c.place(&pose);
-            c.memberships();
+            if pass > 1 {
+                c.place(&pose);
+                c.memberships();
+            }
             let before = pose;
             if !c.rigid_step(&mut pose) {
                 return Err(Failure::Indefinite);
@@ -52,7 +54,6 @@ impl Rigid {
                 pose = ahead.of(&before, &pose);
             }
         }
-        // Those of the last pass, less than the rest's move away.
         c.update_shares();
         c.place(&pose);
         c.finish(&pose, prior, why, out)

@@ -69,8 +69,7 @@ fn closed_form_a_normal_law_says_its_precision() {
 fn law_the_grid_has_converged() {
     for (tail_share, wider, background) in [(0.25, 11.0_f64.sqrt(), 0.1), (0.4, 6.0, 0.0), (0.0, 1.0, 0.5)] {
         let (shape, markers) = (shapes(tail_share, wider), triangle(1.0 - background));
-        let sums =
-            |step: f64| Arch::new().dispatch(Grid { shape: &shape, placed: &markers, background, step });
+        let sums = |step: f64| dispatch(Grid { shape: &shape, placed: &markers, background, step });
         let (coarse, fine) = (sums(STEP), sums(0.5 * STEP));
         for lane in 0..3 {
             let (coarse, fine) = (expand(&shape, lane, &coarse), expand(&shape, lane, &fine));
