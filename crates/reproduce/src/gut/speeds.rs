@@ -22,7 +22,7 @@ struct Speeds {
     /// Part of the way that goes back.
     backward_share: f64,
     /// All speeds, mm/s.
-    speeds_mm_s: Vec<f64>,
+    each_mm_s: Vec<f64>,
 }
 
 impl Speeds {
@@ -32,13 +32,13 @@ impl Speeds {
             .windows(2)
             .map(|pair| 1e3 * (pair[1].arc_length_m - pair[0].arc_length_m))
             .collect();
-        let mut speeds_mm_s: Vec<f64> = steps.iter().map(|step| step.abs()).collect();
-        speeds_mm_s.sort_by(f64::total_cmp);
-        let all: f64 = speeds_mm_s.iter().sum();
-        let bursts = (BURSTS * speeds_mm_s.len() as f64) as usize;
-        let fast: f64 = speeds_mm_s.iter().rev().take(bursts).sum();
+        let mut each_mm_s: Vec<f64> = steps.iter().map(|step| step.abs()).collect();
+        each_mm_s.sort_by(f64::total_cmp);
+        let all: f64 = each_mm_s.iter().sum();
+        let bursts = (BURSTS * each_mm_s.len() as f64) as usize;
+        let fast: f64 = each_mm_s.iter().rev().take(bursts).sum();
         let back: f64 = steps.iter().filter(|step| **step < 0.0).map(|step| -step).sum();
-        Self { burst_share: fast / all, backward_share: back / all, speeds_mm_s }
+        Self { burst_share: fast / all, backward_share: back / all, each_mm_s }
     }
 }
 
@@ -64,7 +64,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
         .rows
         .push(share("part of the way that the fastest 5 % of the time make, mean", mean(&|s| s.burst_share)));
     table.rows.push(share("the same, least of all persons", least));
-    let all: Vec<f64> = speeds.iter().flat_map(|s| s.speeds_mm_s.iter().copied()).collect();
+    let all: Vec<f64> = speeds.iter().flat_map(|s| s.each_mm_s.iter().copied()).collect();
     let resting = all.iter().filter(|v| **v < 0.05).count() as f64 / all.len() as f64;
     let open = |name: &str, unit: &str, ours: f64, why: &str| {
         Row::new(name, unit, None).ours("lumenav", ours).not_comparable(why)
@@ -85,10 +85,10 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
 }
 
 /// A thousand quantiles, above zero: what a logarithmic axis can show.
-fn thin(mut speeds_mm_s: Vec<f64>) -> Vec<f64> {
-    speeds_mm_s.sort_by(f64::total_cmp);
-    let step = (speeds_mm_s.len() / 1000).max(1);
-    speeds_mm_s.into_iter().step_by(step).map(|v| v.max(1e-4)).collect()
+fn thin(mut each_mm_s: Vec<f64>) -> Vec<f64> {
+    each_mm_s.sort_by(f64::total_cmp);
+    let step = (each_mm_s.len() / 1000).max(1);
+    each_mm_s.into_iter().step_by(step).map(|v| v.max(1e-4)).collect()
 }
 
 #[cfg(test)]
