@@ -255,7 +255,7 @@ pub struct ReproduceOptions {
 
 fn body_sizes() -> clap::builder::PossibleValuesParser {
     clap::builder::PossibleValuesParser::new(
-        lumenav::anatomy::generator::BodySize::ALL.map(|size| size.as_str()),
+        lumenav::anatomy::generator::BodySize::ALL.map(lumenav::anatomy::generator::BodySize::as_str),
     )
 }
 
