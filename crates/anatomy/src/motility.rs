@@ -8,9 +8,10 @@
 //! G(u) = exp(-u²/2)    E(x) = S(x/ρ) S((1 - x)/ρ)    S(y) = 3 y² - 2 y³ on [0, 1]    ρ = 0.15
 //! ```
 //!
-//! `a_j` goes linearly from the first to the last amplitude. [`crate::lumen`] sums the waves to a radius.
+//! `a_j` goes linearly from the first to the last amplitude, both times a strength that is drawn for each wave, evenly within the rhythm's
+//! spread about 1. [`crate::lumen`] sums the waves to a radius.
 //!
-//! Waves are scheduled (`[[motility.wave]]`, also the swallow) or spontaneous. Spontaneous waves come from *cells*: a segment
+//! Waves are scheduled (`[[motility.wave]]`, also the first swallow) or spontaneous (also the swallows that follow). Spontaneous waves come from *cells*: a segment
 //! is cut into cells of the mean run of its waves, and each cell is a renewal process with dead time `r/f` and an exponential
 //! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`, never two within the
 //! refractory time. In the small bowel an event is kept with the probability that the migrating motor complex (MMC) gives
@@ -19,7 +20,10 @@
 //! The draws of event `n` of a cell come from the stream (cell's name, `n`) of [`RandomStreams`] alone. The waves are thus a
 //! pure function of seed and time: no step size, no order of asking and no pause changes them, and memory is constant.
 //!
-//! Neglected: coordination between neighbouring cells beyond the MMC, the pylorus as a gate, the circadian rhythm of the
+//! Antral waves start at the pacemaker, a run before the pylorus, and may open it ([`crate::pylorus`]). At the oral end of the small bowel a place sees
+//! as many waves as elsewhere: some come in from before, with what is left of their run.
+//!
+//! Neglected: coordination between neighbouring cells beyond the MMC (waves of two that meet add), the circadian rhythm of the
 //! colon, and the three speeds along the oesophagus (one mean speed here).
 //!
 //! Numbers: (S) stated by a source, (B) believed. Sources: Kerlin and Phillips 1982 (small-bowel rates, MMC), Boiron et al.
@@ -31,7 +35,7 @@ use crate::motility_limits::LARGEST_AMPLITUDE;
 use crate::pylorus::Gate;
 use crate::segment::SegmentKey;
 use crate::tract::Tract;
-use lumenav_core::RandomStreams;
+use lumenav_core::{RandomStream, RandomStreams};
 use rand::Rng as _;
 
 /// Part of a wave's duration that each smooth switch takes, ρ.
@@ -113,6 +117,11 @@ impl Wave {
     }
 }
 
+/// A uniform number in [0, 1): 53 bits of a stream, the usual way.
+pub(crate) fn uniform(stream: &mut RandomStream) -> f64 {
+    (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+}
+
 /// S(y) = 3y² - 2y³, clamped, and its derivative.
 pub(crate) fn smooth_step(y: f64) -> (f64, f64) {
     if y <= 0.0 {
@@ -189,9 +198,8 @@ impl Cell {
     /// Moves on to the next event and returns the wave of the present one, if it is kept.
     fn fire(&mut self, streams: &RandomStreams, cycle: &MotorComplex) -> Option<Wave> {
         let mut stream = streams.stream(&self.name, self.sequence);
-        // 53 bits make a uniform number in [0, 1), the usual way.
-        let mut uniform = || (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        let [remainder, kept, place, direction, length, strength] = std::array::from_fn(|_| uniform());
+        let [remainder, kept, place, direction, length, strength] =
+            std::array::from_fn(|_| uniform(&mut stream));
         let (time_s, rhythm) = (self.next_time_s, self.rhythm);
         let period_s = 1.0 / self.rate_hz;
         self.sequence += 1;
@@ -201,7 +209,7 @@ impl Cell {
         if kept >= kept_part {
             return None;
         }
-        let factor = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
+        let strength = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
         let mut start_m = self.start_m + place * self.length_m;
         let aboral = direction < rhythm.aboral_fraction;
         let mut wanted_m = rhythm.run_m[0] + length * (rhythm.run_m[1] - rhythm.run_m[0]);
@@ -219,7 +227,7 @@ impl Cell {
             speed_m_s: if aboral { rhythm.speed_m_s } else { -rhythm.speed_m_s },
             duration_s: run_m / rhythm.speed_m_s,
             width_m: rhythm.width_m,
-            amplitude: rhythm.amplitude.map(|a| (a * factor).min(LARGEST_AMPLITUDE)),
+            amplitude: rhythm.amplitude.map(|a| (a * strength).min(LARGEST_AMPLITUDE)),
             flattens_ahead_m: rhythm.flattens_ahead_m,
             yields: rhythm.yields,
         })
@@ -244,10 +252,8 @@ impl Motility {
         }
         scheduled.extend(config.oesophagus.swallow(tract));
         scheduled.sort_by(|a, b| a.start_time_s.total_cmp(&b.start_time_s));
-        let start_phase = config.mmc.start_phase.map_or_else(
-            || (streams.stream("mmc", 0).next_u64() >> 11) as f64 / (1_u64 << 53) as f64,
-            |phase| phase.0,
-        );
+        let start_phase =
+            config.mmc.start_phase.map_or_else(|| uniform(&mut streams.stream("mmc", 0)), |phase| phase.0);
         let cycle = MotorComplex {
             period_s: config.mmc.period_s.0,
             start_phase,
@@ -326,7 +332,7 @@ impl Motility {
                     let cell = &mut self.cells[index];
                     let wave = cell.fire(&self.streams, &self.cycle);
                     if let Some((gate, wave)) = self.gate.as_mut().zip(wave).filter(|_| cell.is_antral) {
-                        gate.hear_of(&wave, cell.sequence, &self.streams);
+                        gate.schedule_opening(&wave, cell.sequence, &self.streams);
                     }
                     wave
                 }
@@ -434,8 +440,9 @@ pub(crate) struct Site {
 
 fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
     let mean_run_m = 0.5 * (site.rhythm.run_m[0] + site.rhythm.run_m[1]);
-    // At the oral end of an organ a place sees as many waves as elsewhere, some of which would have started before it.
-    let oral_m = if site.span_m[0] <= site.limits_m[0] && !site.whole { mean_run_m } else { 0.0 };
+    // At the oral end of an organ a place sees as many waves as elsewhere, some of which would have started as far before it as they run.
+    let longest_m = site.rhythm.run_m[0].max(site.rhythm.run_m[1]);
+    let oral_m = if site.span_m[0] <= site.limits_m[0] && !site.whole { longest_m } else { 0.0 };
     let start_m = site.span_m[0] - oral_m;
     let length_m = site.span_m[1] - start_m;
     let wanted = if site.whole { 1 } else { (length_m / mean_run_m).round() as usize };
@@ -449,8 +456,7 @@ fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
         }
         let name = format!("{}/{index}", site.name);
         // The first event of a stationary renewal process is anywhere in the mean interval.
-        let first =
-            (streams.stream(&format!("{name}/first"), 0).next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let first = uniform(&mut streams.stream(&format!("{name}/first"), 0));
         cells.push(Cell {
             name,
             start_m: start_m + length_m * index as f64 / count as f64,

@@ -587,9 +587,7 @@ impl MotilityConfig {
         self.colon.sites(tract, &mut sites);
         sites
     }
-}
 
-impl MotilityConfig {
     /// Antral waves: from the pacemaker, a run before the pylorus, and beyond the pylorus only while they fade.
     fn antrum(&self, tract: &Tract) -> Option<Site> {
         let [start_m, end_m] = span_of(tract, &[SegmentKey::Stomach])?;

@@ -11,7 +11,8 @@ const PACED: &str = "believed: slow waves pace it";
 const BELIEVED: &str = "believed";
 const SUPINE: &str =
     "tuned, rate, amplitude and spread together: to 23.6 s supine (World J Gastroenterol 14:5707)";
-const TRANSIT: &str = "tuned: to a small-bowel transit of 198 min (O'Grady et al.), at the measured traction";
+const TRANSIT: &str =
+    "tuned towards a small-bowel transit of 198 min (O'Grady et al., 71 people), with a look at the traction";
 const GASTRIC: &str = "tuned: to a capsule that reaches the pylorus";
 const MASS_TUNED: &str = "tuned, with width or amplitude, to a sequence that moves content by 0.25 m";
 
@@ -48,7 +49,7 @@ pub const MOTILITY_SOURCES: [(&str, &str); 82] = [
     ("pylorus.width_m", BELIEVED),
     (
         "pylorus.opening_fraction",
-        "tuned: to gastric emptying of a fasting capsule, median 22 min (O'Grady et al.)",
+        "tuned: to gastric emptying of a fasting capsule, median 22 min, quartiles 10 and 48",
     ),
     ("pylorus.open_s", BELIEVED),
     ("pylorus.ahead_m", "believed: a wave carries a capsule in front of it"),

@@ -12,12 +12,11 @@
 //!
 //! Neglected: coordination with the duodenum, that it lets small things through while it is closed, the fed stomach's retention of large ones.
 
-use crate::motility::{Wave, WaveInstant, smooth_step};
+use crate::motility::{Wave, WaveInstant, smooth_step, uniform};
 use crate::motility_config::PylorusConfig;
 use crate::segment::SegmentKey;
 use crate::tract::Tract;
 use lumenav_core::RandomStreams;
-use rand::Rng as _;
 use std::collections::VecDeque;
 
 /// The sphincter and when it is open.
@@ -49,14 +48,13 @@ impl Gate {
         })
     }
 
-    /// An antral wave has started: it opens the gate when it arrives, or does not.
-    pub(crate) fn hear_of(&mut self, wave: &Wave, sequence: u64, streams: &RandomStreams) {
+    /// An antral wave has started: it opens the gate before it arrives, or does not.
+    pub(crate) fn schedule_opening(&mut self, wave: &Wave, sequence: u64, streams: &RandomStreams) {
         let over_s = wave.start_time_s - self.open_s;
         while self.openings_s.front().is_some_and(|middle_s| *middle_s < over_s) {
             self.openings_s.pop_front();
         }
-        let draw = (streams.stream("pylorus", sequence).next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        if draw < self.opening_fraction {
+        if uniform(&mut streams.stream("pylorus", sequence)) < self.opening_fraction {
             let way_m = self.place_m - self.ahead_m - wave.start_arc_length_m;
             self.openings_s.push_back(wave.start_time_s + way_m / wave.speed_m_s);
         }
@@ -85,11 +83,6 @@ impl Gate {
             flattens_ahead_m: 0.0,
             yields: false,
         }
-    }
-
-    /// Whether it is at least half open.
-    pub fn is_open(&self, time_s: f64) -> bool {
-        self.at(time_s).envelope < 0.5
     }
 
     /// Width of the Gaussian, m.
@@ -151,11 +144,11 @@ mod tests {
     fn law_it_opens_before_the_wave_arrives_and_its_rate_is_the_derivative() {
         let mut gate = gate(1.0);
         assert_eq!((gate.at(3.0).weight, gate.at(3.0).weight_rate_per_s), (0.9, 0.0));
-        gate.hear_of(&wave(100.0), 1, &RandomStreams::new(1, 0, "m"));
+        gate.schedule_opening(&wave(100.0), 1, &RandomStreams::new(1, 0, "m"));
         // 100 mm from the pacemaker to 20 mm before the pylorus.
         let middle_s = 100.0 + 0.1 / 0.0024;
-        assert!(gate.is_open(middle_s) && gate.at(middle_s).weight.abs() < 1e-12);
-        assert!(!gate.is_open(middle_s - 11.0) && !gate.is_open(middle_s + 11.0));
+        assert!(gate.at(middle_s).weight.abs() < 1e-12);
+        assert!([-11.0, 11.0].iter().all(|after_s| gate.at(middle_s + after_s).weight == 0.9));
         for k in 0..200 {
             let t = middle_s - 12.0 + 0.12 * f64::from(k);
             let difference = (gate.at(t + 1e-6).weight - gate.at(t - 1e-6).weight) / 2e-6;
@@ -171,7 +164,7 @@ mod tests {
         let waves = 4000;
         for k in 0..waves {
             let before = gate.openings_s.back().copied();
-            gate.hear_of(&wave(19.0 * k as f64), k, &streams);
+            gate.schedule_opening(&wave(19.0 * k as f64), k, &streams);
             opened += u32::from(gate.openings_s.back().is_some_and(|last| before != Some(*last)));
             assert!(gate.openings_s.len() < 8);
         }

@@ -142,7 +142,7 @@ pub struct Wall {
     /// Radial damping per contact ring, N s/m.
     pub damping_newton_s_per_m: f64,
     /// Adhesion and viscous friction as a part of `coulomb_newton` and `viscous_newton_s_per_m` of the engine, 0 to 1. Oesophagus 0.04
-    /// [T to 5.2 s upright: a capsule goes down with water], small bowel 0.6 [T to 198 min of transit at the measured traction], else 1.
+    /// [T to 5.2 s upright: a capsule goes down with water], small bowel 0.6 [T towards 198 min of transit, with a look at the traction], else 1.
     pub grip: f64,
     /// Whether the empty lumen is flat and lies around a capsule from all sides without pressing on it: viscous friction acts on all of it.
     pub collapsed: bool,

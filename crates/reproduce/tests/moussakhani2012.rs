@@ -1,29 +1,14 @@
 //! The tables of moussakhani2012 in seconds: every claim has a verdict, threads cannot be seen, and the key figures are those of the
 //! corrected model.
 
-use lumenav_core::ModelFolder;
-use lumenav_reproduce::{Context, Executor, OneAfterAnother, Size, Table, Verdict, all, find};
+mod support;
+
+use lumenav_reproduce::{Executor, OneAfterAnother, Table, Verdict, all};
 use std::collections::BTreeSet;
-
-/// Two threads, the last job first.
-struct Threads;
-
-impl Executor for Threads {
-    fn for_each(&self, count: usize, job: &(dyn Fn(usize) + Sync)) {
-        std::thread::scope(|scope| {
-            let odd = scope.spawn(|| (0..count).rev().filter(|k| k % 2 == 1).for_each(job));
-            (0..count).rev().filter(|k| k % 2 == 0).for_each(job);
-            odd.join().unwrap();
-        });
-    }
-}
+use support::Backwards;
 
 fn quick(name: &str, executor: &dyn Executor) -> Table {
-    // Nothing is read from it.
-    let models = ModelFolder::new("models");
-    let reproduction = find(&format!("moussakhani2012/{name}")).unwrap();
-    let seeds = reproduction.seeds(None, Size::Quick);
-    reproduction.run(&Context::new(&models, seeds, Size::Quick, executor)).unwrap()
+    support::quick(&format!("moussakhani2012/{name}"), executor)
 }
 
 fn ours(table: &Table, quantity: &str) -> f64 {
@@ -55,7 +40,7 @@ fn law_every_claim_has_a_verdict_and_every_row_a_reason() {
 
 #[test]
 fn law_threads_cannot_be_seen_in_the_monte_carlo() {
-    let (alone, threaded) = (quick("sensors", &OneAfterAnother), quick("sensors", &Threads));
+    let (alone, threaded) = (quick("sensors", &OneAfterAnother), quick("sensors", &Backwards));
     assert_eq!(alone.to_json().unwrap(), threaded.to_json().unwrap());
     assert_eq!(alone.figures, threaded.figures);
 }

@@ -1,30 +1,9 @@
 //! Each reproduction in seconds: it runs, it is the same for any number of threads, and its rows say what they should.
 
-use lumenav_core::ModelFolder;
-use lumenav_reproduce::{Context, Executor, OneAfterAnother, Size, Table, Verdict, all, find};
+mod support;
 
-fn models() -> ModelFolder {
-    ModelFolder::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../models"))
-}
-
-/// Two threads, the last job first.
-struct Backwards;
-
-impl Executor for Backwards {
-    fn for_each(&self, count: usize, job: &(dyn Fn(usize) + Sync)) {
-        std::thread::scope(|scope| {
-            let odd = scope.spawn(|| (0..count).rev().filter(|k| k % 2 == 1).for_each(job));
-            (0..count).rev().filter(|k| k % 2 == 0).for_each(job);
-            odd.join().unwrap();
-        });
-    }
-}
-
-fn quick(id: &str, executor: &dyn Executor) -> Table {
-    let (models, reproduction) = (models(), find(id).unwrap());
-    let seeds = reproduction.seeds(None, Size::Quick);
-    reproduction.run(&Context::new(&models, seeds, Size::Quick, executor)).unwrap()
-}
+use lumenav_reproduce::{OneAfterAnother, Table, Verdict, all, find};
+use support::{Backwards, quick};
 
 /// What holds for every table.
 fn check(table: &Table) {

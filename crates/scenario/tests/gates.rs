@@ -1,4 +1,4 @@
-//! Sleep, the pylorus and the ileocaecal valve.
+//! Sleep, the pylorus, the ileocaecal valve and the collapsed oesophagus.
 
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::{MotilityConfig, WaveConfig};
@@ -196,4 +196,27 @@ fn law_the_pylorus_holds_until_a_wave_opens_it() {
     assert!((0.34..0.395).contains(&shut_m), "closed, the capsule is at {shut_m} m");
     let open_m = after_five_minutes_m(1.0);
     assert!(open_m > 0.4, "opened by every wave, the capsule is at {open_m} m");
+}
+
+#[test]
+fn closed_form_a_capsule_sinks_in_a_collapsed_oesophagus_at_weight_over_friction() {
+    // Along the axis, touching nothing: v = m g / (grip c_v), 3.3 g over 0.04 x 15 N s/m: 54 mm/s.
+    let tract = two([SegmentKey::Oesophagus, SegmentKey::Stomach], [0.007, 0.015]);
+    let motility = MotilityConfig { spontaneous: false, ..MotilityConfig::default() };
+    let down = [0.0, 0.0, 9.81].map(Finite);
+    // Swallowed long after it is looked at: no wave.
+    let motility = MotilityConfig {
+        oesophagus: lumenav_anatomy::motility_config::OesophagusConfig {
+            swallow_time_s: NonNegative(1e4),
+            ..Default::default()
+        },
+        ..motility
+    };
+    let mut engine = engine(&tract, &motility, EngineConfig { gravity_torso_m_s2: down, ..at(0.05) });
+    engine.advance_to(seconds(1.0));
+    let before_m = engine.state().arc_length_m;
+    engine.advance_to(seconds(3.0));
+    let speed_m_s = (engine.state().arc_length_m - before_m) / 2.0;
+    let expected_m_s = 0.0033 * 9.81 / (0.04 * 15.0);
+    assert!((speed_m_s / expected_m_s - 1.0).abs() < 1e-3, "{speed_m_s}, not {expected_m_s} m/s");
 }

@@ -274,3 +274,67 @@ fn law_the_fingerprint_tells_every_key_apart() {
     let other = Motility::new(&base, &tract, &streams(2)).unwrap().fingerprint_text();
     assert_ne!(other, ours, "the seed");
 }
+
+#[test]
+fn law_strengths_are_spread_evenly_about_the_amplitude() {
+    let mut config = MotilityConfig::default();
+    config.mmc.rate_factor = [Fraction(1.0); 3];
+    config.jejunum.amplitude = [Fraction(0.5); 2];
+    config.jejunum.amplitude_spread = Fraction(0.4);
+    let all = waves(Motility::new(&config, &jejunum(), &streams(2)).unwrap(), 3600.0, 0.2);
+    let amplitudes: Vec<f64> = all.iter().map(|wave| wave.amplitude[0]).collect();
+    let (n, sum): (f64, f64) = (amplitudes.len() as f64, amplitudes.iter().sum());
+    assert!(n > 1000.0 && amplitudes.iter().all(|a| (0.3..=0.7).contains(a)));
+    // Uniform: mean 0.5, standard deviation 0.4/sqrt(12), of which the standard error.
+    assert!((sum / n - 0.5).abs() < 4.0 * 0.4 / 12.0_f64.sqrt() / n.sqrt(), "{}", sum / n);
+    let below = amplitudes.iter().filter(|a| **a < 0.4).count() as f64 / n;
+    assert!((below - 0.25).abs() < 4.0 * (0.25 * 0.75 / n).sqrt(), "{below} in the lowest quarter");
+}
+
+#[test]
+fn law_the_first_centimetres_of_a_bowel_see_as_many_waves_as_the_others() {
+    let mut config = MotilityConfig::default();
+    config.mmc.rate_factor = [Fraction(1.0); 3];
+    let duration_s = 3600.0;
+    let all = waves(Motility::new(&config, &jejunum(), &streams(3)).unwrap(), duration_s, 0.2);
+    let passes = |place_m: f64| {
+        let at = |wave: &&Wave| {
+            let end_m = wave.start_arc_length_m + wave.speed_m_s * wave.duration_s;
+            wave.speed_m_s > 0.0 && wave.start_arc_length_m < place_m && place_m <= end_m
+        };
+        60.0 * all.iter().filter(at).count() as f64 / duration_s
+    };
+    // 12.5 per minute, of which 0.85 aboral: 640 in the hour, 5 % are three standard errors of a renewal process with dead time 0.6.
+    assert!((passes(0.005) / 10.6 - 1.0).abs() < 0.1, "{} per minute at 5 mm", passes(0.005));
+    assert!((passes(0.2) / 10.4 - 1.0).abs() < 0.1, "{} per minute at 200 mm", passes(0.2));
+}
+
+#[test]
+fn published_antral_waves_run_to_the_pylorus_three_times_a_minute() {
+    let piece = |key: SegmentKey, from_m: f64| SegmentPoints {
+        key,
+        points_m: (0..=4).map(|i| Point3::new(0.0, 0.0, from_m + 0.05 * f64::from(i))).collect(),
+        radii_m: vec![0.015; 5],
+        wall: key.default_wall(),
+        source: String::new(),
+    };
+    let draft = TractDraft {
+        name: "t".into(),
+        segments: vec![piece(SegmentKey::Stomach, 0.0), piece(SegmentKey::Duodenum, 0.2)],
+        ends: (End::Closed, End::Exit),
+        torso_half_extents_m: None,
+        source: String::new(),
+    };
+    let tract = draft.build().unwrap().0;
+    let mut config = MotilityConfig::default();
+    config.mmc.rate_factor = [Fraction(0.0); 3];
+    let all = waves(Motility::new(&config, &tract, &streams(4)).unwrap(), 3600.0, 0.5);
+    // 3.1 per minute (3D-Transit); regular to a tenth.
+    assert!((all.len() as f64 / 60.0 - 3.1).abs() < 0.1, "{} in an hour", all.len());
+    for wave in &all {
+        assert!((wave.start_arc_length_m - 0.08).abs() < 1e-12, "{wave:?}");
+        // At the pylorus it is as strong as it gets, before it fades.
+        let arrives = wave.at(wave.start_time_s + 0.12 / wave.speed_m_s);
+        assert!((arrives.centre_m - 0.2).abs() < 1e-9 && (arrives.envelope - 1.0).abs() < 1e-9);
+    }
+}

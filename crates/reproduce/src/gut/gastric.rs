@@ -1,16 +1,16 @@
 //! What the stomach's contractions do to a capsule that lies before the pylorus.
 //!
-//! Contractions are counted where they pass the middle of the antrum. Per contraction, a period of their rate: the largest distance of two positions of the capsule in
-//! that time, and the largest angle between two directions of its axis; of capsules within 60 mm of the pylorus.
+//! Contractions are counted where they pass the middle of the antrum. Per period of their rate: the largest distance of two positions of the
+//! capsule in that time, and the largest angle between two directions of its axis; of capsules within 60 mm of the pylorus.
 
 use super::TUNED;
-use super::person::{Cohort, Passage, Posture, span_m, stomachs};
+use super::person::{Cohort, Passage, STOMACH, end_m};
 use crate::ReproduceError;
 use crate::context::Context;
 use crate::table::{Row, Table};
 use crate::verdict::{Sense, Tolerance};
+use lumenav_anatomy::motility::Wave;
 use lumenav_anatomy::segment::SegmentKey;
-use lumenav_core::SimTime;
 use lumenav_evaluation::summary::quantile_of_sorted;
 
 /// Persons: full and quick.
@@ -26,19 +26,14 @@ const COUNTED_S: f64 = 3600.0;
 pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
     let cohort = Cohort::open(context)?;
     let persons = context.size.pick(PERSONS.0, PERSONS.1);
-    let passages = stomachs(context, &cohort, persons)?;
+    let motions = cohort.pass(context, &STOMACH, persons, |person, passage| {
+        motions(passage, end_m(cohort.tract(person), SegmentKey::Stomach))
+    })?;
     let rates = context.jobs("contractions", persons, |person| rate_per_minute(&cohort, person))?;
     table.set("persons", format!("{persons} of the cohort of gut/transit, upright"));
     table.set("tuned", TUNED);
-    let mut ways_mm = Vec::new();
-    let mut turns_deg = Vec::new();
-    for (person, passage) in passages.iter().enumerate() {
-        let engine = cohort.engine(person, Posture::Upright, SegmentKey::Stomach)?;
-        let [_, pylorus_m] = span_m(engine.tract(), SegmentKey::Stomach, SegmentKey::Stomach);
-        let (ways, turns) = motions(passage, pylorus_m);
-        ways_mm.extend(ways);
-        turns_deg.extend(turns);
-    }
+    let (ways_mm, turns_deg): (Vec<_>, Vec<_>) = motions.into_iter().unzip();
+    let (mut ways_mm, mut turns_deg) = (ways_mm.concat(), turns_deg.concat());
     for values in [&mut ways_mm, &mut turns_deg] {
         values.sort_by(f64::total_cmp);
     }
@@ -87,21 +82,18 @@ fn motions(passage: &Passage, pylorus_m: f64) -> (Vec<f64>, Vec<f64>) {
 
 /// Waves that pass the middle of the antrum, per minute.
 fn rate_per_minute(cohort: &Cohort, person: usize) -> Result<f64, ReproduceError> {
-    let mut engine = cohort.engine(person, Posture::Upright, SegmentKey::Stomach)?;
-    let [_, pylorus_m] = span_m(engine.tract(), SegmentKey::Stomach, SegmentKey::Stomach);
-    let place_m = pylorus_m - 0.5 * ANTRUM_M;
-    let mut lumen = engine.lumen().clone();
-    engine.advance_to(SimTime::ZERO);
+    let mut motility = cohort.motility(person)?;
+    let place_m = end_m(cohort.tract(person), SegmentKey::Stomach) - 0.5 * ANTRUM_M;
     let mut passes = 0;
     let mut time_s = 0.0;
     while time_s < COUNTED_S {
         let next_s = time_s + 1.0;
-        lumen.advance_to(time_s);
-        let crosses = |wave: &&lumenav_anatomy::motility::Wave| {
+        motility.advance_to(time_s);
+        let crosses = |wave: &&Wave| {
             let at = |t: f64| wave.at(t).centre_m;
             at(time_s) < place_m && at(next_s) >= place_m && wave.end_time_s() > next_s
         };
-        passes += lumen.motility().active().iter().filter(crosses).count();
+        passes += motility.active().iter().filter(crosses).count();
         time_s = next_s;
     }
     Ok(60.0 * passes as f64 / COUNTED_S)

@@ -38,10 +38,44 @@ impl Posture {
     }
 }
 
+/// A way through the gut that is followed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Leg {
+    /// What tables call it.
+    pub(super) name: &'static str,
+    pub(super) posture: Posture,
+    /// The segment at whose entrance it starts.
+    pub(super) first: SegmentKey,
+    /// The segment at whose end it ends; `None`: the way out.
+    pub(super) last: Option<SegmentKey>,
+    /// Longest passage that is waited for, s.
+    pub(super) limit_s: f64,
+    /// The capsule is looked at so often, s.
+    pub(super) every_s: f64,
+}
+
+pub(super) const STOMACH: Leg = Leg {
+    name: "stomach",
+    posture: Posture::Upright,
+    first: SegmentKey::Stomach,
+    last: Some(SegmentKey::Stomach),
+    limit_s: 12.0 * 3600.0,
+    every_s: 1.0,
+};
+
+pub(super) const SMALL_BOWEL: Leg = Leg {
+    name: "small bowel",
+    posture: Posture::Upright,
+    first: SegmentKey::Duodenum,
+    last: Some(SegmentKey::TerminalIleum),
+    limit_s: 16.0 * 3600.0,
+    every_s: 1.0,
+};
+
 /// The guts of the cohort.
 pub(super) struct Cohort {
     tracts: Vec<Arc<Tract>>,
-    seed: u64,
+    seeds: Vec<u64>,
 }
 
 impl Cohort {
@@ -52,42 +86,60 @@ impl Cohort {
             Ok(Arc::new(tract_file::load(&Node::open(&path)?, &all)?.0))
         };
         let tracts = SIZES.iter().map(read).collect::<Result<_, _>>()?;
-        // A reproduction is never run without a seed.
-        Ok(Self { tracts, seed: context.seeds.first().copied().unwrap_or(1) })
+        Ok(Self { tracts, seeds: context.seeds.clone() })
     }
 
-    /// Every person is a trial of the seed, with one of the shipped guts.
-    pub(super) fn engine(
-        &self,
-        person: usize,
-        posture: Posture,
-        start: SegmentKey,
-    ) -> Result<Engine, ReproduceError> {
-        let tract = &self.tracts[person % self.tracts.len()];
-        let streams = RandomStreams::new(self.seed, person as u64, "motility");
-        let failed = |what: &dyn std::fmt::Display| ReproduceError::of_part("gut")(what);
-        let motility =
-            Motility::new(&MotilityConfig::default(), tract, &streams).map_err(|error| failed(&error))?;
-        let [start_m, _] = span_m(tract, start, start);
+    /// The gut of a person: the shipped ones in turn.
+    pub(super) fn tract(&self, person: usize) -> &Arc<Tract> {
+        &self.tracts[person % self.tracts.len()]
+    }
+
+    /// The motility of a person: each a trial of a seed, the seeds in turn for each three persons.
+    pub(super) fn motility(&self, person: usize) -> Result<Motility, ReproduceError> {
+        let seed = self.seeds[person / self.tracts.len() % self.seeds.len()];
+        let streams = RandomStreams::new(seed, person as u64, "motility");
+        Motility::new(&MotilityConfig::default(), self.tract(person), &streams)
+            .map_err(ReproduceError::of_part("motility"))
+    }
+
+    fn engine(&self, person: usize, leg: &Leg) -> Result<Engine, ReproduceError> {
+        let tract = self.tract(person);
         let config = EngineConfig {
-            start_arc_length_m: NonNegative(start_m + START_M),
-            gravity_torso_m_s2: posture.gravity_m_s2(),
+            start_arc_length_m: NonNegative(start_m(tract, leg.first) + START_M),
+            gravity_torso_m_s2: leg.posture.gravity_m_s2(),
             // It is on its way, not put to rest.
             settle_s: NonNegative(0.0),
             ..EngineConfig::default()
         };
-        Engine::new(config, tract.clone(), motility, CAPSULE).map_err(|error| failed(&error))
+        Engine::new(config, tract.clone(), self.motility(person)?, CAPSULE)
+            .map_err(ReproduceError::of_part("engine"))
+    }
+
+    /// What `told` makes of the passages of `persons` along a leg.
+    pub(super) fn pass<T: Send>(
+        &self,
+        context: &Context<'_>,
+        leg: &Leg,
+        persons: usize,
+        told: impl Fn(usize, &Passage) -> T + Sync,
+    ) -> Result<Vec<T>, ReproduceError> {
+        context.jobs(leg.name, persons, |person| {
+            let end_m = leg.last.map_or(f64::INFINITY, |last| end_m(self.tract(person), last));
+            let passage = pass(&mut self.engine(person, leg)?, end_m, leg);
+            Ok(told(person, &passage))
+        })
     }
 }
 
-/// From the start of the one to the end of the other segment, m.
-pub(super) fn span_m(tract: &Tract, first: SegmentKey, last: SegmentKey) -> [f64; 2] {
-    let of = |key| tract.segments.iter().find(|segment| segment.key == key);
-    // The shipped guts have every segment.
-    [
-        of(first).map_or(0.0, |segment| segment.start_m),
-        of(last).map_or(tract.length_m(), |segment| segment.end_m),
-    ]
+/// Where a segment starts, m. The shipped guts have every one.
+fn start_m(tract: &Tract, key: SegmentKey) -> f64 {
+    tract.segments.iter().find(|segment| segment.key == key).map_or(0.0, |segment| segment.start_m)
+}
+
+/// Where a segment ends, m.
+pub(super) fn end_m(tract: &Tract, key: SegmentKey) -> f64 {
+    let found = tract.segments.iter().find(|segment| segment.key == key);
+    found.map_or(tract.length_m(), |segment| segment.end_m)
 }
 
 /// A capsule at one instant of its passage.
@@ -117,12 +169,12 @@ pub(super) struct Passage {
     pub(super) samples: Vec<Sample>,
 }
 
-/// Follows a capsule until its centre first passes `end_m` or leaves the tract, or for `limit_s`.
-pub(super) fn pass(engine: &mut Engine, end_m: f64, limit_s: f64, every_s: f64) -> Passage {
+/// Follows a capsule until its centre first passes `end_m` or leaves the tract, or for as long as the leg waits.
+fn pass(engine: &mut Engine, end_m: f64, leg: &Leg) -> Passage {
     let mut samples = vec![Sample::of(&engine.state())];
     let mut time_s = 0.0;
-    while time_s < limit_s {
-        time_s += every_s;
+    while time_s < leg.limit_s {
+        time_s += leg.every_s;
         engine.advance_to(SimTime::from_seconds(time_s));
         let state = engine.state();
         samples.push(Sample::of(&state));
@@ -131,32 +183,4 @@ pub(super) fn pass(engine: &mut Engine, end_m: f64, limit_s: f64, every_s: f64) 
         }
     }
     Passage { duration_s: None, samples }
-}
-
-/// Small bowels of `persons`, one sample a second.
-pub(super) fn small_bowels(
-    context: &Context<'_>,
-    cohort: &Cohort,
-    persons: usize,
-) -> Result<Vec<Passage>, ReproduceError> {
-    const LIMIT_S: f64 = 16.0 * 3600.0;
-    context.jobs("small bowel", persons, |person| {
-        let mut engine = cohort.engine(person, Posture::Upright, SegmentKey::Duodenum)?;
-        let [_, end_m] = span_m(engine.tract(), SegmentKey::Duodenum, SegmentKey::TerminalIleum);
-        Ok(pass(&mut engine, end_m, LIMIT_S, 1.0))
-    })
-}
-
-/// Stomachs of `persons`, one sample a second.
-pub(super) fn stomachs(
-    context: &Context<'_>,
-    cohort: &Cohort,
-    persons: usize,
-) -> Result<Vec<Passage>, ReproduceError> {
-    const LIMIT_S: f64 = 12.0 * 3600.0;
-    context.jobs("stomach", persons, |person| {
-        let mut engine = cohort.engine(person, Posture::Upright, SegmentKey::Stomach)?;
-        let [_, end_m] = span_m(engine.tract(), SegmentKey::Stomach, SegmentKey::Stomach);
-        Ok(pass(&mut engine, end_m, LIMIT_S, 1.0))
-    })
 }

@@ -4,7 +4,7 @@
 //! was tuned to nothing.
 
 use super::TUNED;
-use super::person::{Cohort, Passage, small_bowels};
+use super::person::{Cohort, Passage, SMALL_BOWEL};
 use crate::ReproduceError;
 use crate::context::Context;
 use crate::table::{NamedFigure, Row, Table};
@@ -46,7 +46,7 @@ impl Speeds {
 pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
     let cohort = Cohort::open(context)?;
     let persons = context.size.pick(PERSONS.0, PERSONS.1);
-    let speeds: Vec<Speeds> = small_bowels(context, &cohort, persons)?.iter().map(Speeds::of).collect();
+    let speeds = cohort.pass(context, &SMALL_BOWEL, persons, |_, passage| Speeds::of(passage))?;
     table.set("persons", format!("{persons} of the cohort of gut/transit"));
     table.set("speed", "way along the centre line in each second");
     table.set("tuned", TUNED);

@@ -4,7 +4,7 @@
 //! then not told. First crossing of the segment's end by the capsule's centre, at the sampling of the stage.
 
 use super::TUNED;
-use super::person::{Cohort, Passage, Posture, pass, small_bowels, span_m, stomachs};
+use super::person::{Cohort, Leg, Posture, SMALL_BOWEL, STOMACH};
 use crate::ReproduceError;
 use crate::context::Context;
 use crate::table::{NamedFigure, Row, Table};
@@ -13,8 +13,11 @@ use lumenav_anatomy::segment::SegmentKey;
 use lumenav_evaluation::summary::quantile_of_sorted;
 use lumenav_figures::{Axis, Figure, Panel, Series};
 
-const MINUTE_S: f64 = 60.0;
 const HOUR_S: f64 = 3600.0;
+/// Units of transit times, and their length, s.
+const SECONDS: (&str, f64) = ("s", 1.0);
+const MINUTES: (&str, f64) = ("min", 60.0);
+const HOURS: (&str, f64) = ("h", HOUR_S);
 
 /// Persons per segment: full and quick.
 const OESOPHAGI: (usize, usize) = (200, 30);
@@ -23,10 +26,24 @@ const SMALL_BOWELS: (usize, usize) = (200, 1);
 const COLONS: (usize, usize) = (20, 0);
 const EXAMS: (usize, usize) = (10, 0);
 
-/// Longest passages that are waited for, s.
-const OESOPHAGUS_LIMIT_S: f64 = 600.0;
-const COLON_LIMIT_S: f64 = 72.0 * HOUR_S;
-const EXAM_LIMIT_S: f64 = 96.0 * HOUR_S;
+const UPRIGHT: Leg = Leg {
+    name: "oesophagus upright",
+    posture: Posture::Upright,
+    first: SegmentKey::Oesophagus,
+    last: Some(SegmentKey::Oesophagus),
+    limit_s: 600.0,
+    every_s: 0.05,
+};
+const SUPINE: Leg = Leg { name: "oesophagus supine", posture: Posture::Supine, ..UPRIGHT };
+const COLON: Leg = Leg {
+    name: "colon",
+    posture: Posture::Upright,
+    first: SegmentKey::Caecum,
+    last: None,
+    limit_s: 72.0 * HOUR_S,
+    every_s: 10.0,
+};
+const EXAM: Leg = Leg { name: "whole exam", first: SegmentKey::Oesophagus, limit_s: 96.0 * HOUR_S, ..COLON };
 
 /// Transit times of one stage.
 struct Stage {
@@ -37,11 +54,19 @@ struct Stage {
 }
 
 impl Stage {
-    fn new(name: &'static str, unit: &'static str, unit_s: f64, passages: &[Passage]) -> Self {
-        let mut times: Vec<f64> =
-            passages.iter().map(|p| p.duration_s.map_or(f64::INFINITY, |s| s / unit_s)).collect();
+    /// Of so many persons along a leg.
+    fn of(
+        context: &Context<'_>,
+        cohort: &Cohort,
+        leg: &Leg,
+        persons: usize,
+        (unit, unit_s): (&'static str, f64),
+    ) -> Result<Self, ReproduceError> {
+        let mut times = cohort.pass(context, leg, persons, |_, passage| {
+            passage.duration_s.map_or(f64::INFINITY, |duration_s| duration_s / unit_s)
+        })?;
         times.sort_by(f64::total_cmp);
-        Self { name, unit, times }
+        Ok(Self { name: leg.name, unit, times })
     }
 
     fn mean(&self) -> f64 {
@@ -89,26 +114,25 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     let cohort = Cohort::open(context)?;
     table.set(
         "persons",
-        "small woman, average man, large man in turn; each a trial of the seed with motility of its own",
+        "small woman, average man, large man in turn; each a trial with motility of its own, seeds in turn",
     );
     table.set("capsule", "11 x 26 mm, 3.3 g, starts 20 mm behind the segment's entrance, fasted, upright unless the row says else");
     table.set("tuned", TUNED);
     let count = |(full, quick): (usize, usize)| context.size.pick(full, quick);
-    let upright = oesophagi(context, &cohort, Posture::Upright, count(OESOPHAGI))?;
-    let supine = oesophagi(context, &cohort, Posture::Supine, count(OESOPHAGI))?;
-    let stomach = Stage::new("stomach", "min", MINUTE_S, &stomachs(context, &cohort, count(STOMACHS))?);
-    let bowel =
-        Stage::new("small bowel", "min", MINUTE_S, &small_bowels(context, &cohort, count(SMALL_BOWELS))?);
+    let stage = |leg: &Leg, persons, unit| Stage::of(context, &cohort, leg, count(persons), unit);
+    let upright = stage(&UPRIGHT, OESOPHAGI, SECONDS)?;
+    let supine = stage(&SUPINE, OESOPHAGI, SECONDS)?;
+    let stomach = stage(&STOMACH, STOMACHS, MINUTES)?;
+    let bowel = stage(&SMALL_BOWEL, SMALL_BOWELS, MINUTES)?;
     oesophagus_rows(&mut table, &upright, &supine);
     if context.size.pick(true, false) {
         quartile_rows(&mut table, &stomach, [10.0, 22.0, 48.0], [0.35 * 10.0, 7.0, 0.35 * 48.0]);
         quartile_rows(&mut table, &bowel, [157.0, 198.0, 240.0], [0.2 * 157.0, 25.0, 0.2 * 240.0]);
-        let colon = stage_to_the_end(context, &cohort, "colon", SegmentKey::Caecum, COLONS.0, COLON_LIMIT_S)?;
+        let colon = stage(&COLON, COLONS, HOURS)?;
         // 16 to 29 h: the middle of it and half of its width.
         table.rows.push(colon.row("median", colon.quantile(0.5), 22.5, Tolerance::Absolute(6.5)));
         table.rows.extend([colon.unfinished(), colon.worst()]);
-        let exam =
-            stage_to_the_end(context, &cohort, "whole exam", SegmentKey::Oesophagus, EXAMS.0, EXAM_LIMIT_S)?;
+        let exam = stage(&EXAM, EXAMS, HOURS)?;
         let row = Row::new("whole exam, median", "h", None).ours("lumenav", exam.quantile(0.5));
         table.rows.push(row.not_comparable("the sum of the segments is no row of a source"));
         table.rows.extend([exam.unfinished(), exam.worst()]);
@@ -121,36 +145,6 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
         table.note("colon and whole exams are left out");
     }
     Ok(table)
-}
-
-fn oesophagi(
-    context: &Context<'_>,
-    cohort: &Cohort,
-    posture: Posture,
-    persons: usize,
-) -> Result<Stage, ReproduceError> {
-    let name = if posture == Posture::Upright { "oesophagus upright" } else { "oesophagus supine" };
-    let passages = context.jobs(name, persons, |person| {
-        let mut engine = cohort.engine(person, posture, SegmentKey::Oesophagus)?;
-        let [_, end_m] = span_m(engine.tract(), SegmentKey::Oesophagus, SegmentKey::Oesophagus);
-        Ok(pass(&mut engine, end_m, OESOPHAGUS_LIMIT_S, 0.05))
-    })?;
-    Ok(Stage::new(name, "s", 1.0, &passages))
-}
-
-fn stage_to_the_end(
-    context: &Context<'_>,
-    cohort: &Cohort,
-    name: &'static str,
-    start: SegmentKey,
-    persons: usize,
-    limit_s: f64,
-) -> Result<Stage, ReproduceError> {
-    let passages = context.jobs(name, persons, |person| {
-        let mut engine = cohort.engine(person, Posture::Upright, start)?;
-        Ok(pass(&mut engine, f64::INFINITY, limit_s, 10.0))
-    })?;
-    Ok(Stage::new(name, "h", HOUR_S, &passages))
 }
 
 fn oesophagus_rows(table: &mut Table, upright: &Stage, supine: &Stage) {
