@@ -29,6 +29,8 @@ pub fn rows(sheet: &mut Sheet) {
     };
     for (line, ask) in [
         ("transit", "every row with a published number within the tolerance that the issue states"),
+        ("colon", "median of 20 persons from 16 to 29 h, at most 2 % do not pass"),
+        ("exam", "10 exams from the swallow to the way out"),
         ("speeds", "the fastest 5 % of the time make more than half of the way"),
         ("traction", "58 to 91 mN per contraction: each phase within 25 % of its own"),
         ("gastric", "3.1 contractions per minute, about 11 mm each"),

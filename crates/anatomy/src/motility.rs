@@ -13,9 +13,9 @@
 //!
 //! Waves are scheduled (`[[motility.wave]]`, also the first swallow) or spontaneous (also the swallows that follow). Spontaneous waves come from *cells*: a segment
 //! is cut into cells of the mean run of its waves, and each cell is a renewal process with dead time `r/f` and an exponential
-//! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`, never two within the
-//! refractory time. In the small bowel an event is kept with the probability that the migrating motor complex (MMC) gives
-//! its phase at that place and time; the phase travels aborally with the MMC front.
+//! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`. In the small bowel the tissue itself
+//! is refractory ([`tissue`](self)), the cells are Poisson processes, and an event is kept with the probability that the migrating motor
+//! complex (MMC) gives its phase at that place and time; the phase travels aborally with the MMC front.
 //!
 //! The draws of event `n` of a cell come from the stream (cell's name, `n`) of [`RandomStreams`] alone. The waves are thus a
 //! pure function of seed and time: no step size, no order of asking and no pause changes them, and memory is constant.
@@ -23,8 +23,8 @@
 //! Antral waves start at the pacemaker, a run before the pylorus, and may open it ([`crate::pylorus`]). At the oral end of the small bowel a place sees
 //! as many waves as elsewhere: some come in from before, with what is left of their run.
 //!
-//! Neglected: coordination between neighbouring cells beyond the MMC (waves of two that meet add), the circadian rhythm of the
-//! colon, and the three speeds along the oesophagus (one mean speed here).
+//! Neglected: coordination between neighbouring cells beyond the MMC and refractory tissue, the circadian rhythm of the colon,
+//! and the three speeds along the oesophagus (one mean speed here).
 //!
 //! Numbers: (S) stated by a source, (B) believed. Sources: Kerlin and Phillips 1982 (small-bowel rates, MMC), Boiron et al.
 //! (antral wave speed), Rao et al. (colon), Humphries and Castell 1977 (oesophagus).
@@ -37,6 +37,8 @@ use crate::segment::SegmentKey;
 use crate::tract::Tract;
 use lumenav_core::{RandomStream, RandomStreams};
 use rand::Rng as _;
+
+pub(crate) mod tissue;
 
 /// Part of a wave's duration that each smooth switch takes, ρ.
 pub(crate) const RAMP_FRACTION: f64 = 0.15;
@@ -185,28 +187,60 @@ struct Cell {
     /// The centre of a wave stays in here, m.
     limits_m: [f64; 2],
     rate_hz: f64,
-    /// Delay of the MMC front, s; `None` where the MMC has no say.
+    /// Delay of the MMC front, s; `None` where the MMC has no say, and the cell rather than the tissue is refractory.
     front_delay_s: Option<f64>,
     rhythm: Rhythm,
     /// Its waves run to the pylorus and may open it.
     is_antral: bool,
+    /// Its waves would start before the organ and come in over its end.
+    comes_in: bool,
     sequence: u64,
     next_time_s: f64,
 }
 
 impl Cell {
+    /// To the next event, s, from a uniform number.
+    fn interval_s(&self, uniform: f64) -> f64 {
+        let (period_s, dead) = (1.0 / self.rate_hz, self.rhythm.refractory_fraction);
+        let exponential = -(1.0 - uniform).ln();
+        match self.front_delay_s {
+            Some(_) => period_s * exponential / self.proposals(1.0),
+            None => period_s * (dead + (1.0 - dead) * exponential),
+        }
+    }
+
+    /// Part of the events that is kept.
+    fn kept_part(&self, cycle: &MotorComplex, time_s: f64) -> f64 {
+        self.front_delay_s.map_or(1.0, |delay_s| {
+            let factor = cycle.factor(time_s, delay_s);
+            factor * self.proposals(factor) / self.proposals(1.0)
+        })
+    }
+
+    /// Proposals per wave that starts, where the motor complex leaves the part `factor` of the rate.
+    fn proposals(&self, factor: f64) -> f64 {
+        let refractory = self.rhythm.refractory_fraction * factor;
+        if self.comes_in {
+            tissue::proposals_at_a_place(refractory * self.rhythm.aboral_fraction)
+        } else {
+            tissue::proposals(refractory)
+        }
+    }
+
+    /// How long tissue does not contract again, s; `None` where it does not matter.
+    fn refractory_s(&self) -> Option<f64> {
+        self.front_delay_s.map(|_| self.rhythm.refractory_fraction / self.rate_hz)
+    }
+
     /// Moves on to the next event and returns the wave of the present one, if it is kept.
     fn fire(&mut self, streams: &RandomStreams, cycle: &MotorComplex) -> Option<Wave> {
         let mut stream = streams.stream(&self.name, self.sequence);
         let [remainder, kept, place, direction, length, strength] =
             std::array::from_fn(|_| uniform(&mut stream));
         let (time_s, rhythm) = (self.next_time_s, self.rhythm);
-        let period_s = 1.0 / self.rate_hz;
         self.sequence += 1;
-        self.next_time_s += period_s
-            * (rhythm.refractory_fraction - (1.0 - rhythm.refractory_fraction) * (1.0 - remainder).ln());
-        let kept_part = self.front_delay_s.map_or(1.0, |delay_s| cycle.factor(time_s, delay_s));
-        if kept >= kept_part {
+        self.next_time_s += self.interval_s(remainder);
+        if kept >= self.kept_part(cycle, time_s) {
             return None;
         }
         let strength = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
@@ -331,6 +365,12 @@ impl Motility {
                 Source::Cell(index) => {
                     let cell = &mut self.cells[index];
                     let wave = cell.fire(&self.streams, &self.cycle);
+                    let wave = match cell.refractory_s() {
+                        Some(refractory_s) => {
+                            wave.and_then(|wave| tissue::admit(wave, refractory_s, &self.active))
+                        }
+                        None => wave,
+                    };
                     if let Some((gate, wave)) = self.gate.as_mut().zip(wave).filter(|_| cell.is_antral) {
                         gate.schedule_opening(&wave, cell.sequence, &self.streams);
                     }
@@ -439,36 +479,58 @@ pub(crate) struct Site {
 }
 
 fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
-    let mean_run_m = 0.5 * (site.rhythm.run_m[0] + site.rhythm.run_m[1]);
-    // At the oral end of an organ a place sees as many waves as elsewhere, some of which would have started as far before it as they run.
-    let longest_m = site.rhythm.run_m[0].max(site.rhythm.run_m[1]);
-    let oral_m = if site.span_m[0] <= site.limits_m[0] && !site.whole { longest_m } else { 0.0 };
-    let start_m = site.span_m[0] - oral_m;
-    let length_m = site.span_m[1] - start_m;
-    let wanted = if site.whole { 1 } else { (length_m / mean_run_m).round() as usize };
-    let count = wanted.clamp(1, MOST_CELLS);
+    let [shortest_m, longest_m] = site.rhythm.run_m;
+    let mean_run_m = 0.5 * (shortest_m + longest_m);
+    let count = |length_m: f64| ((length_m / mean_run_m).round() as usize).clamp(1, MOST_CELLS);
+    let length_m = site.span_m[1] - site.span_m[0];
+    if site.span_m[0] <= site.limits_m[0] && !site.whole {
+        // At the oral end of an organ a place sees as many waves as elsewhere, some of which would have started as far before it as they run.
+        let before_m = shortest_m.max(longest_m);
+        let oral = [site.span_m[0] - before_m, before_m];
+        stretch_cells(site, "before/", oral, count(before_m), streams, cells);
+    }
+    let wanted = if site.whole { 1 } else { count(length_m) };
+    stretch_cells(site, "", [site.span_m[0], length_m], wanted, streams, cells);
+}
+
+/// So many cells in the stretch of this start and length, m; `place` tells their names from those of other stretches.
+fn stretch_cells(
+    site: &Site,
+    place: &str,
+    [start_m, length_m]: [f64; 2],
+    count: usize,
+    streams: &RandomStreams,
+    cells: &mut Vec<Cell>,
+) {
     for index in 0..count {
-        let middle = (index as f64 + 0.5) / count as f64;
-        let between = |ends: [f64; 2]| ends[0] + middle * (ends[1] - ends[0]);
+        let cell_start_m = start_m + length_m * index as f64 / count as f64;
+        let middle_m = cell_start_m + 0.5 * length_m / count as f64;
+        let span_m = site.span_m[1] - site.span_m[0];
+        let part = if span_m > 0.0 { ((middle_m - site.span_m[0]) / span_m).max(0.0) } else { 0.5 };
+        let between = |ends: [f64; 2]| ends[0] + part * (ends[1] - ends[0]);
         let rate_hz = between(site.rhythm.rate_hz);
         if rate_hz <= 0.0 {
             continue;
         }
-        let name = format!("{}/{index}", site.name);
-        // The first event of a stationary renewal process is anywhere in the mean interval.
+        let name = format!("{}/{place}{index}", site.name);
         let first = uniform(&mut streams.stream(&format!("{name}/first"), 0));
-        cells.push(Cell {
+        let mut cell = Cell {
             name,
-            start_m: start_m + length_m * index as f64 / count as f64,
+            start_m: cell_start_m,
             length_m: length_m / count as f64,
             limits_m: site.limits_m,
             rate_hz,
             front_delay_s: site.front_delay_s.map(between),
             rhythm: site.rhythm,
             is_antral: site.name == SegmentKey::Stomach.as_str(),
+            comes_in: middle_m < site.limits_m[0],
             sequence: 0,
-            next_time_s: first / rate_hz,
-        });
+            next_time_s: 0.0,
+        };
+        // The first event of a renewal process that has always run is anywhere in the mean interval; a Poisson process has no memory.
+        let has_memory = cell.front_delay_s.is_none();
+        cell.next_time_s = if has_memory { first / rate_hz } else { cell.interval_s(first) };
+        cells.push(cell);
     }
 }
 

@@ -332,11 +332,11 @@ macro_rules! rhythm_table {
             pub amplitude_spread: Fraction,
             #[doc = concat!("Width of the Gaussian, m. Default ", stringify!($width), " (B).")]
             pub width_m: Positive,
-            #[doc = concat!("Shortest and longest run, m. Default ", stringify!($run), " (B).")]
+            #[doc = concat!("Shortest and longest run, m. Default ", stringify!($run), " [B; T to transit in jejunum and ileum].")]
             pub run_m: [Positive; 2],
             #[doc = concat!("Part of the waves that travel aborally. Default ", stringify!($aboral), " (B).")]
             pub aboral_fraction: Fraction,
-            #[doc = concat!("Dead time as a part of the mean interval. Default ", stringify!($refractory), " [B: slow waves pace it].")]
+            #[doc = concat!("Dead time as a part of the mean interval (of a place in the small bowel, at most 0.7; of a wave's source in the stomach). Default ", stringify!($refractory), " [B: slow waves pace it].")]
             pub refractory_fraction: Fraction,
         }
 
@@ -387,32 +387,32 @@ rhythm_table!(
     DuodenumConfig,
     rate [0.208, 0.208], "Rate in phase III at both ends, 1/s. Default 0.208: 12.5 per minute [S, upper bound].";
     speed 0.008, "Speed, m/s. Default 0.008 [T to small-bowel transit].";
-    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.15]; aboral 0.85; refractory 0.6
+    amplitude [0.72, 0.72], "Amplitude at start and end of a run. Default 0.72 [T: to the radius of a contracted jejunum, in a wider lumen].";
+    spread 0.15; width 0.010; run [0.02, 0.15]; aboral 0.85; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.jejunum]`.
     JejunumConfig,
     rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute (S).";
     speed 0.008, "Speed, m/s. Default 0.008 [T to small-bowel transit].";
-    amplitude [0.48, 0.48], "Amplitude at start and end of a run. Default 0.48 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.12]; aboral 0.85; refractory 0.6
+    amplitude [0.555, 0.555], "Amplitude at start and end of a run. Default 0.555 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.107]; aboral 0.85; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.ileum]`.
     IleumConfig,
     rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute (S).";
     speed 0.006, "Speed, m/s. Default 0.006 [T to small-bowel transit].";
-    amplitude [0.48, 0.48], "Amplitude at start and end of a run. Default 0.48 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.08]; aboral 0.8; refractory 0.6
+    amplitude [0.555, 0.555], "Amplitude at start and end of a run. Default 0.555 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.067]; aboral 0.8; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.terminal_ileum]`.
     TerminalIleumConfig,
     rate [0.167, 0.143], "Rate in phase III at both ends, 1/s. Default 10.0 to 8.6 per minute (S).";
     speed 0.005, "Speed, m/s. Default 0.005 [T to small-bowel transit].";
-    amplitude [0.48, 0.48], "Amplitude at start and end of a run. Default 0.48 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.05]; aboral 0.8; refractory 0.6
+    amplitude [0.65, 0.65], "Amplitude at start and end of a run. Default 0.65 [T to small-bowel transit: the lumen widens towards the valve].";
+    spread 0.15; width 0.010; run [0.02, 0.05]; aboral 0.8; refractory 0.5
 );
 
 /// Speed of the MMC front in duodenum and jejunum, ileum and terminal ileum, m/s: 4.7, 1.3 and 0.9 cm/min (S).

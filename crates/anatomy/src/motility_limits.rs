@@ -4,6 +4,7 @@
 //! a slip of the pen (a rate of 1e9) would make the renewal processes enumerate for ever.
 
 use crate::error::AnatomyError;
+use crate::motility::tissue;
 use crate::motility_config::{MotilityConfig, Rhythm, WaveConfig};
 
 /// Largest amplitude of one wave: the radius law closes the lumen by 98 % at most.
@@ -147,6 +148,14 @@ impl MotilityConfig {
         check_rhythm(&keys!("jejunum"), &self.jejunum.rhythm())?;
         check_rhythm(&keys!("ileum"), &self.ileum.rhythm())?;
         check_rhythm(&keys!("terminal_ileum"), &self.terminal_ileum.rhythm())?;
+        for (key, rhythm) in [
+            ("duodenum.refractory_fraction", self.duodenum.rhythm()),
+            ("jejunum.refractory_fraction", self.jejunum.rhythm()),
+            ("ileum.refractory_fraction", self.ileum.rhythm()),
+            ("terminal_ileum.refractory_fraction", self.terminal_ileum.rhythm()),
+        ] {
+            in_range(key, rhythm.refractory_fraction, 0.0, tissue::LARGEST_PART)?;
+        }
         let colon = &self.colon;
         check_rhythm(&HAUSTRAL, &colon.haustral())?;
         in_range(MASS.rate, colon.mass_rate_per_day.0, 0.0, 86_400.0 * FASTEST_HZ)?;

@@ -12,7 +12,7 @@ const BELIEVED: &str = "believed";
 const SUPINE: &str =
     "tuned, rate, amplitude and spread together: to 23.6 s supine (World J Gastroenterol 14:5707)";
 const TRANSIT: &str =
-    "tuned towards a small-bowel transit of 198 min (O'Grady et al., 71 people), with a look at the traction";
+    "tuned to a small-bowel transit of 198 min (O'Grady et al., 71 people), with a look at the traction";
 const GASTRIC: &str = "tuned: to a capsule that reaches the pylorus";
 const MASS_TUNED: &str = "tuned, with width or amplitude, to a sequence that moves content by 0.25 m";
 
@@ -66,7 +66,7 @@ pub const MOTILITY_SOURCES: [(&str, &str); 82] = [
     ("jejunum.amplitude", TRANSIT),
     ("jejunum.amplitude_spread", TRANSIT),
     ("jejunum.width_m", BELIEVED),
-    ("jejunum.run_m", BELIEVED),
+    ("jejunum.run_m", TRANSIT),
     ("jejunum.aboral_fraction", BELIEVED),
     ("jejunum.refractory_fraction", PACED),
     ("ileum.rate_hz", KERLIN),
@@ -74,7 +74,7 @@ pub const MOTILITY_SOURCES: [(&str, &str); 82] = [
     ("ileum.amplitude", TRANSIT),
     ("ileum.amplitude_spread", TRANSIT),
     ("ileum.width_m", BELIEVED),
-    ("ileum.run_m", BELIEVED),
+    ("ileum.run_m", TRANSIT),
     ("ileum.aboral_fraction", BELIEVED),
     ("ileum.refractory_fraction", PACED),
     ("terminal_ileum.rate_hz", KERLIN),

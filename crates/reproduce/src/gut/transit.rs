@@ -23,8 +23,8 @@ const HOURS: (&str, f64) = ("h", HOUR_S);
 const OESOPHAGI: (usize, usize) = (200, 30);
 const STOMACHS: (usize, usize) = (200, 3);
 const SMALL_BOWELS: (usize, usize) = (200, 1);
-const COLONS: (usize, usize) = (20, 0);
-const EXAMS: (usize, usize) = (10, 0);
+const COLONS: (usize, usize) = (20, 1);
+const EXAMS: (usize, usize) = (10, 1);
 
 const UPRIGHT: Leg = Leg {
     name: "oesophagus upright",
@@ -109,8 +109,8 @@ impl Stage {
     }
 }
 
-/// Runs it.
-pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
+/// What holds for all tables of this file.
+fn set_up(context: &Context<'_>, table: &mut Table) -> Result<Cohort, ReproduceError> {
     let cohort = Cohort::open(context)?;
     table.set(
         "persons",
@@ -118,6 +118,12 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     );
     table.set("capsule", "11 x 26 mm, 3.3 g, starts 20 mm behind the segment's entrance, fasted, upright unless the row says else");
     table.set("tuned", TUNED);
+    Ok(cohort)
+}
+
+/// Oesophagus, stomach and small bowel.
+pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
+    let cohort = set_up(context, &mut table)?;
     let count = |(full, quick): (usize, usize)| context.size.pick(full, quick);
     let stage = |leg: &Leg, persons, unit| Stage::of(context, &cohort, leg, count(persons), unit);
     let upright = stage(&UPRIGHT, OESOPHAGI, SECONDS)?;
@@ -128,23 +134,47 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     if context.size.pick(true, false) {
         quartile_rows(&mut table, &stomach, [10.0, 22.0, 48.0], [0.35 * 10.0, 7.0, 0.35 * 48.0]);
         quartile_rows(&mut table, &bowel, [157.0, 198.0, 240.0], [0.2 * 157.0, 25.0, 0.2 * 240.0]);
-        let colon = stage(&COLON, COLONS, HOURS)?;
+        table.figures.push(figure(&[&upright, &supine, &stomach, &bowel])?);
+    } else {
+        for stage in [&stomach, &bowel] {
+            few_row(&mut table, stage);
+        }
+    }
+    table.note("colon and whole exams: gut/colon, gut/exam");
+    Ok(table)
+}
+
+/// The colon.
+pub(crate) fn run_colon(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
+    let cohort = set_up(context, &mut table)?;
+    let persons = context.size.pick(COLONS.0, COLONS.1);
+    let colon = Stage::of(context, &cohort, &COLON, persons, HOURS)?;
+    if context.size.pick(true, false) {
         // 16 to 29 h: the middle of it and half of its width.
         table.rows.push(colon.row("median", colon.quantile(0.5), 22.5, Tolerance::Absolute(6.5)));
         table.rows.extend([colon.unfinished(), colon.worst()]);
-        let exam = stage(&EXAM, EXAMS, HOURS)?;
-        let row = Row::new("whole exam, median", "h", None).ours("lumenav", exam.quantile(0.5));
-        table.rows.push(row.not_comparable("the sum of the segments is no row of a source"));
-        table.rows.extend([exam.unfinished(), exam.worst()]);
-        table.figures.push(figure(&[&upright, &supine, &stomach, &bowel, &colon])?);
+        table.figures.push(figure(&[&colon])?);
     } else {
-        for stage in [&stomach, &bowel] {
-            let row = Row::new(format!("{}, median of {}", stage.name, stage.times.len()), stage.unit, None);
-            table.rows.push(row.ours("lumenav", stage.quantile(0.5)).not_comparable("a few persons"));
-        }
-        table.note("colon and whole exams are left out");
+        few_row(&mut table, &colon);
     }
     Ok(table)
+}
+
+/// Whole exams.
+pub(crate) fn run_exam(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
+    let cohort = set_up(context, &mut table)?;
+    let persons = context.size.pick(EXAMS.0, EXAMS.1);
+    let exam = Stage::of(context, &cohort, &EXAM, persons, HOURS)?;
+    let row = Row::new("whole exam, median", "h", None).ours("lumenav", exam.quantile(0.5));
+    table.rows.push(row.not_comparable("the sum of the segments is no row of a source"));
+    table.rows.extend([exam.unfinished(), exam.worst()]);
+    Ok(table)
+}
+
+/// The median of too few to compare.
+fn few_row(table: &mut Table, stage: &Stage) {
+    let row = Row::new(format!("{}, median of {}", stage.name, stage.times.len()), stage.unit, None);
+    table.rows.push(row.ours("lumenav", stage.quantile(0.5)).not_comparable("a few persons"));
 }
 
 fn oesophagus_rows(table: &mut Table, upright: &Stage, supine: &Stage) {
@@ -166,21 +196,27 @@ fn quartile_rows(table: &mut Table, stage: &Stage, published: [f64; 3], toleranc
 }
 
 fn figure(stages: &[&Stage]) -> Result<NamedFigure, ReproduceError> {
-    let published: [&[(f64, f64)]; 5] = [
-        &[(5.2, 0.5)],
-        &[(23.6, 0.5)],
-        &[(10.0, 0.25), (22.0, 0.5), (48.0, 0.75)],
-        &[(157.0, 0.25), (198.0, 0.5), (240.0, 0.75)],
-        &[(16.0, 0.5), (29.0, 0.5)],
-    ];
-    let panels = stages.iter().zip(published).map(|(stage, published)| {
+    let panels = stages.iter().map(|stage| {
         let passed: Vec<f64> = stage.times.iter().copied().filter(|t| t.is_finite()).collect();
         let time = Axis::linear(&format!("transit time ({})", stage.unit));
         Panel::new(time, Axis::linear("share of persons").at_least(0.0, 1.0))
             .titled(stage.name)
-            .with(Series::published("published").points(published))
+            .with(Series::published("published").points(published(stage.name)))
             .with(Series::ours(0, "lumenav").line(0).distribution(&passed))
     });
-    let svg = Figure::grid(panels.collect(), 3).to_svg()?;
+    let svg = Figure::grid(panels.collect(), 2).to_svg()?;
     Ok(NamedFigure { name: String::new(), svg })
+}
+
+/// Published means, medians and quartiles of a leg, with the share of persons below.
+fn published(leg: &str) -> &'static [(f64, f64)] {
+    match leg {
+        "oesophagus upright" => &[(5.2, 0.5)],
+        "oesophagus supine" => &[(23.6, 0.5)],
+        "stomach" => &[(10.0, 0.25), (22.0, 0.5), (48.0, 0.75)],
+        "small bowel" => &[(157.0, 0.25), (198.0, 0.5), (240.0, 0.75)],
+        // Medians of studies.
+        "colon" => &[(16.0, 0.5), (29.0, 0.5)],
+        _ => &[],
+    }
 }
