@@ -21,6 +21,7 @@
 //! [`Tract`]: crate::tract::Tract
 
 mod bvh;
+mod chain;
 pub mod contacts;
 mod error;
 pub mod middle;
@@ -31,6 +32,7 @@ pub mod repair;
 pub mod surface;
 mod text;
 mod voxels;
+mod walls;
 
 pub use contacts::{Branch, SelfContact};
 pub use error::ImportError;
@@ -163,6 +165,7 @@ pub fn import_surface(
         axes: options.axes,
         warnings: Vec::new(),
         repairs: Vec::new(),
+        bridges: middle::Bridges::default(),
     }
     .run(surface)
 }
@@ -176,6 +179,7 @@ struct Importer<'a> {
     axes: Option<Axes>,
     warnings: Vec<String>,
     repairs: Vec<Repair>,
+    bridges: middle::Bridges,
 }
 
 impl Importer<'_> {
@@ -208,7 +212,7 @@ impl Importer<'_> {
         self.tell("way", 0.0);
         let way = self.way(&voxels, radius_m)?;
         let progress = &mut *self.progress;
-        let mut stations = middle::centre_line(&tree, &way, is_guided, |done| {
+        let mut stations = middle::centre_line(&tree, &way, &self.bridges, is_guided, |done| {
             progress(Progress { stage: "centre line", done });
         });
         self.check_tube(&stations, radius_m)?;
@@ -315,11 +319,23 @@ impl Importer<'_> {
         let total = voxels.inside.len() as f64;
         let large: Vec<_> = parts.iter().filter(|part| part.voxels as f64 >= BUBBLE * total).collect();
         if large.len() > 1 {
+            let has_walls = self.repairs.iter().any(|repair| repair.kind == RepairKind::ThickWall);
+            if let Some((way, joints)) = chain::chain(voxels, &parts, large.len(), radius_m, has_walls) {
+                self.repairs.extend(joints.iter().map(|joint| Repair {
+                    kind: RepairKind::Parts,
+                    at_m: joint.via_m.unwrap_or_else(|| nalgebra::center(&joint.from_m, &joint.to_m)),
+                    size_m: joint.length_m(),
+                    count: 1,
+                }));
+                let pieces_m = joints.iter().flat_map(chain::Joint::pieces_m).collect();
+                self.bridges = middle::Bridges { pieces_m, reach_m: radius_m };
+                return Ok(way);
+            }
             let volume_ml = |voxels_in: usize| 1e6 * voxels.edge_m.powi(3) * voxels_in as f64;
             let parts = large.iter().map(|part| (part.middle_m, volume_ml(part.voxels))).collect();
             return Err(ImportError::SeveralParts { file: self.file.clone(), parts });
         }
-        let (from, to) = path::furthest_pair(voxels, largest.seed);
+        let (from, to) = path::furthest_pair(voxels, largest.seed, radius_m);
         let reach = search(voxels, from, Some(to), Pay::Middle { radius_m });
         Ok(reach.way_to(voxels, to).into_iter().map(|index| voxels.place_m(index)).collect())
     }
