@@ -59,7 +59,8 @@ fn main() {
             continue;
         }
         let start = Instant::now();
-        let result = import_surface(&data.join(format!("{surface}.stl")), &ImportOptions::default(), &mut |_| {});
+        let result =
+            import_surface(&data.join(format!("{surface}.stl")), &ImportOptions::default(), &mut |_| {});
         println!("\n{surface} ({:.1} s)", start.elapsed().as_secs_f64());
         let tract = match result {
             Ok(tract) => tract,

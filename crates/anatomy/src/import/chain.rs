@@ -1,13 +1,13 @@
 //! Parts of a lumen that do not meet, joined where their ends face each other: a bowel that is drawn blind over a stretch (a contraction,
 //! content, a wall whose inner face is missing there).
 //!
-//! The ends of a part are its two places furthest apart. Of an end count the place one mean radius `r` before it, where the line is in the
-//! middle again, and the direction from three radii before it to there. Two ends face each other if these places are at most 4 `r` apart
+//! The ends of a part are its two places furthest apart. Of an end count the place 1.5 mean radii `r` before it, where the line is in the
+//! middle again, and the direction from three radii before it to there. Two ends face each other if these places are at most 5 `r` apart
 //! (the ends themselves then 2 `r`, a lumen's width) and both directions point to the other within 60 degrees; the nearest are joined first, each end
 //! once. Tubes that lie side by side have their ends side by side too, but these do not look at each other.
 //!
 //! Where outer faces of walls were removed ([`super::walls`]), a stretch without an inner face stays as a *plug*: a small part, solid tissue in
-//! the file. A plug with exactly two ends at it (their counted places within 2 `r`) joins these, whichever way they look: the bowel may bend
+//! the file. A plug with exactly two ends at it (their counted places within 2.5 `r`) joins these, whichever way they look: the bowel may bend
 //! just there.
 
 use super::path::{Part, Pay, furthest_pair, members, search};
@@ -18,11 +18,11 @@ use nalgebra::{Point3, Vector3};
 /// Plugs looked at, the largest: smaller parts are bubbles.
 const MOST_PLUGS: usize = 16;
 /// The counted places of ends at a plug are at most so many radii from it.
-const PLUG_RADII: f64 = 2.0;
-/// Places one radius before two ends may be so many radii apart.
-const APART_RADII: f64 = 4.0;
+const PLUG_RADII: f64 = 2.5;
+/// Counted places of two ends may be so many radii apart.
+const APART_RADII: f64 = 5.0;
 /// The direction of an end is taken between these distances from it, radii.
-const BACK_RADII: (f64, f64) = (1.0, 3.0);
+const BACK_RADII: (f64, f64) = (1.5, 3.0);
 /// Directions and the line between the ends agree within 60 degrees.
 const FACING_COSINE: f64 = 0.5;
 

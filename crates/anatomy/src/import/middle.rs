@@ -59,7 +59,8 @@ impl Bridges {
     fn hold(&self, place: &Point3<f64>) -> bool {
         let away_m = |[a, b]: &[Point3<f64>; 2]| {
             let along = b - a;
-            let part = (along.dot(&(place - a)) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            let part =
+                (along.dot(&(place - a)) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
             (a + along * part - place).norm()
         };
         self.pieces_m.iter().any(|piece| away_m(piece) < self.reach_m)

@@ -33,6 +33,9 @@ const PATCH_COSINE: f64 = 0.5;
 const START_M: f64 = 5e-6;
 /// Walls on less of the area than this are folds.
 const LEAST_PART: f64 = 0.01;
+/// More of the area than this looking like walls after the repairs is no surface of a lumen: of four real surfaces and the tests' tubes at most
+/// 4 % do, of a wall nearly all.
+const SUSPICIOUS: f64 = 0.25;
 
 /// What a patch shows.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -52,23 +55,64 @@ struct Patches {
     neighbours: Vec<Vec<u32>>,
 }
 
+/// A surface as patches, with what they see.
+struct Study {
+    patches: Patches,
+    curvature: Vec<f64>,
+    looks: Vec<Vec<Look>>,
+    /// Votes of each patch for each of [`FACES`], m².
+    votes: [Vec<f64>; 3],
+}
+
+impl Study {
+    fn of(surface: &Surface, radius_m: f64) -> Option<Self> {
+        if surface.triangles.is_empty() || radius_m.is_nan() || radius_m <= 0.0 {
+            return None;
+        }
+        let neighbours = surface.neighbours();
+        let patches = Patches::new(surface, &neighbours, radius_m);
+        let mut bent = patches.integrated_curvature(surface, &neighbours);
+        let mut area = patches.area_m2.clone();
+        for _ in 0..CURVATURE_ROUNDS {
+            bent = patches.diffused(&bent);
+            area = patches.diffused(&area);
+        }
+        let curvature: Vec<f64> = bent.iter().zip(&area).map(|(b, a)| b / a.max(f64::MIN_POSITIVE)).collect();
+        let looks = patches.looks(surface);
+        let votes = patches.votes(&curvature, &looks);
+        Some(Self { patches, curvature, looks, votes })
+    }
+
+    /// What each patch shows, by its votes and those around it.
+    fn faces(&self) -> Vec<Face> {
+        let mut votes = self.votes.clone();
+        for votes in &mut votes {
+            for _ in 0..VOTE_ROUNDS {
+                *votes = self.patches.diffused(votes);
+            }
+        }
+        let count = self.patches.triangles.len();
+        let most = |patch: usize| {
+            FACES.into_iter().max_by(|a, b| votes[*a as usize][patch].total_cmp(&votes[*b as usize][patch]))
+        };
+        let mut faces: Vec<Face> = (0..count).map(|patch| most(patch).unwrap_or(Face::Lumen)).collect();
+        self.patches.settle(&mut faces, &self.curvature);
+        faces
+    }
+
+    /// Whether a patch by itself votes most for a face.
+    fn is_seen(&self, patch: usize, face: Face) -> bool {
+        FACES.iter().all(|other| self.votes[*other as usize][patch] <= self.votes[face as usize][patch])
+            && self.votes[face as usize][patch] > 0.0
+    }
+}
+
 /// Removes the outer faces of walls; one repair for each connected face.
 pub(super) fn take_inner_faces(surface: &mut Surface, radius_m: f64) -> Vec<Repair> {
-    if surface.triangles.is_empty() || radius_m.is_nan() || radius_m <= 0.0 {
-        return Vec::new();
-    }
-    let neighbours = surface.neighbours();
-    let patches = Patches::new(surface, &neighbours, radius_m);
-    let mut curvature = patches.integrated_curvature(surface, &neighbours);
-    let mut area = patches.area_m2.clone();
-    for _ in 0..CURVATURE_ROUNDS {
-        curvature = patches.diffused(&curvature);
-        area = patches.diffused(&area);
-    }
-    let curvature: Vec<f64> = curvature.iter().zip(&area).map(|(c, a)| c / a.max(f64::MIN_POSITIVE)).collect();
-    let looks = patches.looks(surface);
-    let faces = patches.faces(&curvature, &looks);
-    let outer = patches.outer(&faces, &looks);
+    let Some(study) = Study::of(surface, radius_m) else { return Vec::new() };
+    let Study { patches, looks, .. } = &study;
+    let faces = study.faces();
+    let outer = patches.outer(&faces, looks);
     let whole_m2: f64 = patches.area_m2.iter().sum();
     let gone_m2: f64 = outer.iter().flatten().map(|p| patches.area_m2[*p as usize]).sum();
     if gone_m2 < LEAST_PART * whole_m2 {
@@ -93,6 +137,28 @@ pub(super) fn take_inner_faces(surface: &mut Surface, radius_m: f64) -> Vec<Repa
     // What looked into the lumen now bounds it: this is no fault of the file, so not told as one.
     surface.orient();
     repairs
+}
+
+/// A wall that is there but was not told from a lumen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Suspicion {
+    /// A place on it, m.
+    pub(super) at_m: Point3<f64>,
+    /// Part of the surface's area that looks like a wall.
+    pub(super) part: f64,
+}
+
+/// Where much of a surface still looks like walls after the repairs.
+pub(super) fn suspicion(surface: &Surface, radius_m: f64) -> Option<Suspicion> {
+    let study = Study::of(surface, radius_m)?;
+    let is_wall = |p: &usize| study.is_seen(*p, Face::Outer) || study.is_seen(*p, Face::Inner);
+    let walls: Vec<usize> = (0..study.patches.triangles.len()).filter(is_wall).collect();
+    let area = |p: &usize| study.patches.area_m2[*p];
+    let whole_m2: f64 = study.patches.area_m2.iter().sum();
+    let part = walls.iter().map(area).sum::<f64>() / whole_m2;
+    let widest = walls.iter().max_by(|a, b| area(a).total_cmp(&area(b)))?;
+    let at_m = surface.centroid(study.patches.triangles[*widest][0] as usize);
+    (part > SUSPICIOUS).then_some(Suspicion { at_m, part })
 }
 
 /// A patch's look at what lies opposite.
@@ -159,7 +225,8 @@ impl Patches {
                 let angle = normal.cross(&towards).norm().atan2(normal.dot(&towards));
                 let is_convex = normal.dot(&(surface.centroid(o) - surface.centroid(t))) < 0.0;
                 let length_m = shared_edge_m(surface, t, o);
-                sums[self.of_triangle[t] as usize] += 0.25 * length_m * if is_convex { angle } else { -angle };
+                sums[self.of_triangle[t] as usize] +=
+                    0.25 * length_m * if is_convex { angle } else { -angle };
             }
         }
         sums
@@ -191,8 +258,8 @@ impl Patches {
         self.triangles.iter().map(of).collect()
     }
 
-    /// What each patch shows, by votes.
-    fn faces(&self, curvature: &[f64], looks: &[Vec<Look>]) -> Vec<Face> {
+    /// Votes of each patch, by its own looks, m².
+    fn votes(&self, curvature: &[f64], looks: &[Vec<Look>]) -> [Vec<f64>; 3] {
         let mut votes = FACES.map(|_| vec![0.0; self.triangles.len()]);
         for (patch, looks) in looks.iter().enumerate() {
             for look in looks {
@@ -206,18 +273,7 @@ impl Patches {
                 votes[face as usize][patch] += self.area_m2[patch] / looks.len() as f64;
             }
         }
-        for votes in &mut votes {
-            for _ in 0..VOTE_ROUNDS {
-                *votes = self.diffused(votes);
-            }
-        }
-        let most = |patch: usize| {
-            FACES.into_iter().max_by(|a, b| votes[*a as usize][patch].total_cmp(&votes[*b as usize][patch]))
-        };
-        let mut faces: Vec<Face> =
-            (0..self.triangles.len()).map(|patch| most(patch).unwrap_or(Face::Lumen)).collect();
-        self.settle(&mut faces, curvature);
-        faces
+        votes
     }
 
     /// Stretches shorter than they are wide take the face that most of their neighbours have, the smallest first.
