@@ -33,10 +33,13 @@ const PEOPLE: [(&str, &str, &[&str]); 4] = [
     ),
 ];
 
+/// A segment's name, places and radii, m.
+type Given = (String, Vec<(Point3<f64>, f64)>);
+
 /// Places and radii of a given centre line's segments, m.
-fn given(file: &Path, segments: &[&str]) -> Vec<(String, Vec<(Point3<f64>, f64)>)> {
+fn given(file: &Path, segments: &[&str]) -> Vec<Given> {
     let text = std::fs::read_to_string(file).unwrap_or_default();
-    let mut found: Vec<(String, Vec<(Point3<f64>, f64)>)> = Vec::new();
+    let mut found: Vec<Given> = Vec::new();
     for line in text.lines().filter(|line| segments.contains(&line.split(',').next().unwrap_or(""))) {
         let columns: Vec<&str> = line.split(',').collect();
         let number = |i: usize| columns[i].parse().unwrap_or(f64::NAN);

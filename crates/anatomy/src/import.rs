@@ -353,11 +353,11 @@ impl Importer<'_> {
             if let Some((way, joints)) = chain::chain(voxels, &parts, large.len(), radius_m, has_walls) {
                 self.repairs.extend(joints.iter().map(|joint| Repair {
                     kind: RepairKind::Parts,
-                    at_m: joint.via_m.unwrap_or_else(|| nalgebra::center(&joint.from_m, &joint.to_m)),
+                    at_m: joint.middle_m(),
                     size_m: joint.length_m(),
                     count: 1,
                 }));
-                let pieces_m = joints.iter().flat_map(chain::Joint::pieces_m).collect();
+                let pieces_m = joints.into_iter().flat_map(|joint| joint.pieces_m).collect();
                 self.bridges = middle::Bridges { pieces_m, reach_m: radius_m };
                 return Ok(way);
             }

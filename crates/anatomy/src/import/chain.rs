@@ -26,29 +26,27 @@ const BACK_RADII: (f64, f64) = (1.5, 3.0);
 /// Directions and the line between the ends agree within 60 degrees.
 const FACING_COSINE: f64 = 0.5;
 
-/// Where two parts were joined.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Where two parts were joined: straight pieces from the place before the end of the one, by way of the middle of a plug where there is one,
+/// to the place behind the beginning of the other.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Joint {
-    /// The place before the end of the one, m.
-    pub(super) from_m: Point3<f64>,
-    /// The middle of the plug between them, m.
-    pub(super) via_m: Option<Point3<f64>>,
-    /// The place behind the beginning of the other, m.
-    pub(super) to_m: Point3<f64>,
+    /// Both ends of each piece, m.
+    pub(super) pieces_m: Vec<[Point3<f64>; 2]>,
 }
 
 impl Joint {
-    /// The straight pieces.
-    pub(super) fn pieces_m(&self) -> Vec<[Point3<f64>; 2]> {
-        match self.via_m {
-            Some(via_m) => vec![[self.from_m, via_m], [via_m, self.to_m]],
-            None => vec![[self.from_m, self.to_m]],
-        }
+    /// Length of the pieces together, m.
+    pub(super) fn length_m(&self) -> f64 {
+        self.pieces_m.iter().map(|[a, b]| (b - a).norm()).sum()
     }
 
-    /// Length of the straight lines that join the ends, m.
-    pub(super) fn length_m(&self) -> f64 {
-        self.pieces_m().iter().map(|[a, b]| (b - a).norm()).sum()
+    /// The middle of the plug, or of the one piece, m.
+    pub(super) fn middle_m(&self) -> Point3<f64> {
+        match self.pieces_m[..] {
+            [[a, b]] => nalgebra::center(&a, &b),
+            [[_, via], ..] => via,
+            [] => Point3::origin(),
+        }
     }
 }
 
@@ -129,7 +127,11 @@ pub(super) fn chain(
         way.extend(&places[from..to.max(from)]);
         entered = next.map(|((other, other_side), via_m)| {
             let (from_m, to_m) = (legs[leg].ends[1 - side].1, legs[other].ends[other_side].1);
-            let joint = Joint { from_m, via_m, to_m };
+            let pieces_m = match via_m {
+                Some(via_m) => vec![[from_m, via_m], [via_m, to_m]],
+                None => vec![[from_m, to_m]],
+            };
+            let joint = Joint { pieces_m };
             cross(&mut way, &joint, voxels.edge_m);
             joints.push(joint);
             (other, other_side)
@@ -140,7 +142,7 @@ pub(super) fn chain(
 
 /// Places on the straight lines of a joint.
 fn cross(way: &mut Vec<Point3<f64>>, joint: &Joint, step_m: f64) {
-    for pair in joint.pieces_m() {
+    for pair in &joint.pieces_m {
         let count = ((pair[1] - pair[0]).norm() / step_m).ceil() as usize;
         way.extend((1..=count).map(|i| pair[0] + (pair[1] - pair[0]) * (i as f64 / count as f64)));
     }

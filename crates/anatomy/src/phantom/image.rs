@@ -239,7 +239,8 @@ impl Header {
         self.each_label(|label| {
             let material = match last {
                 Some((same, material)) if same == label => material,
-                _ => material(label, place(size, voxels.len()), material_of)?,
+                _ => material(label, material_of)
+                    .map_err(|told| format!("{} {told}", place(size, voxels.len())))?,
             };
             last = Some((label, material));
             voxels.push(material);
@@ -286,10 +287,8 @@ fn place([nx, ny, _]: [usize; 3], voxel: usize) -> String {
     format!("voxel ({}, {}, {})", voxel % nx, voxel / nx % ny, voxel / (nx * ny))
 }
 
-fn material(label: i64, at: String, material_of: &BTreeMap<i64, u8>) -> Result<u8, String> {
+fn material(label: i64, material_of: &BTreeMap<i64, u8>) -> Result<u8, String> {
     let known = || material_of.keys().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    material_of
-        .get(&label)
-        .copied()
-        .ok_or_else(|| format!("{at} holds label {label}, which no tissue has; the table has: {}", known()))
+    let unknown = || format!("holds label {label}, which no tissue has; the table has: {}", known());
+    material_of.get(&label).copied().ok_or_else(unknown)
 }
