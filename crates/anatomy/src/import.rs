@@ -1,12 +1,13 @@
-//! Import of a person's own gut: a surface (STL, OBJ, PLY) becomes a tract. Label volumes are not read yet: give their surface.
+//! Import of a person's own gut: a surface (STL, OBJ, PLY) or a label volume (NIfTI, MetaImage) becomes a tract.
 //!
 //! | room | what it does |
 //! |---|---|
 //! | [`read`] | triangles from files |
+//! | `volume` | the surface of a label volume |
 //! | [`surface`] | edges, rims, orientation, volume |
-//! | [`repair`] | what is wrong with a surface and what was done about it |
+//! | [`repair`], `walls` | what is wrong with a surface and what was done about it; walls with a thickness |
 //! | `bvh`, `voxels` | nearest wall, rays, the inside as a graph that no step of can cross the wall |
-//! | `path`, [`middle`] | ends, the way between them, centre line and radius |
+//! | `path`, `chain`, [`middle`] | ends, the way between them, parts that do not meet, centre line and radius |
 //! | [`contacts`] | where loops touch or are fused |
 //! | [`organ`] | segments |
 //! | `text` | the tract file, with provenance |
@@ -15,12 +16,12 @@
 //! `2 V / A`. A [`Tract`] holds one radius per place, so the angle-dependent radius stays in [`ImportStation::rays_m`] and the tract has
 //! its median, which a warning says.
 //!
-//! Neglected: of walls that have a thickness and are open at both ends (pipes) the line may run within the wall, which the radius
-//! tells; lumina narrower than a voxel (0.2 to 3 mm) are closed; an end is led on straight to the wall.
+//! Neglected: lumina narrower than a voxel (0.2 to 3 mm) are closed; an end is led on straight to the wall.
 //!
 //! [`Tract`]: crate::tract::Tract
 
 mod bvh;
+mod chain;
 pub mod contacts;
 mod error;
 pub mod middle;
@@ -30,7 +31,9 @@ pub mod read;
 pub mod repair;
 pub mod surface;
 mod text;
+mod volume;
 mod voxels;
+mod walls;
 
 pub use contacts::{Branch, SelfContact};
 pub use error::ImportError;
@@ -75,9 +78,11 @@ const WAYPOINT_M: f64 = 0.01;
 /// What the user knows about a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportOptions {
-    /// Metres per unit of the file.
+    /// Metres per unit of the file; of a label volume, whose format states millimetres, a further factor.
     pub factor: f64,
-    /// Which way the file's axes point; `None` takes RAS and says so.
+    /// Labels of the lumen in a label volume. Empty: the only one there is.
+    pub labels: Vec<i64>,
+    /// Which way the file's axes point; `None` takes those of the format (NIfTI: RAS, MetaImage: LPS), of a surface RAS, and says so.
     pub axes: Option<Axes>,
     /// The two ends and places between them, from mouth to anus, surface frame, m. Empty: ends are found.
     pub waypoints_m: Vec<Point3<f64>>,
@@ -91,7 +96,15 @@ pub struct ImportOptions {
 
 impl Default for ImportOptions {
     fn default() -> Self {
-        Self { factor: 1.0, axes: None, waypoints_m: Vec::new(), starts: Vec::new(), organ: None, name: None }
+        Self {
+            factor: 1.0,
+            labels: Vec::new(),
+            axes: None,
+            waypoints_m: Vec::new(),
+            starts: Vec::new(),
+            organ: None,
+            name: None,
+        }
     }
 }
 
@@ -135,11 +148,11 @@ pub struct ImportedTract {
     pub axes: Axes,
     /// The file.
     pub file: String,
-    /// SHA-256 of its bytes, hexadecimal.
+    /// SHA-256 of its bytes, hexadecimal; of a `.mhd` those of the header.
     pub sha256: String,
 }
 
-/// Imports a surface file.
+/// Imports a surface, or the surface of a label volume.
 ///
 /// # Errors
 /// [`ImportError`], naming the file and the place.
@@ -151,18 +164,24 @@ pub fn import_surface(
     let file = path.display().to_string();
     progress(Progress { stage: "reading", done: 0.0 });
     let bytes = read::bytes_of(path)?;
-    let soup = read::soup(&bytes, &file)?;
     let sha256 = format!("{:x}", Sha256::digest(&bytes));
-    let vertices = soup.vertices.iter().map(|v| Point3::from(v.coords * options.factor)).collect();
-    let surface = Surface { vertices, triangles: soup.triangles };
+    let (mut surface, axes) = if volume::is_volume(path) {
+        let (surface, axes) = volume::surface(path, &file, &options.labels)?;
+        (surface, options.axes.or(Some(axes)))
+    } else {
+        let soup = read::soup(&bytes, &file)?;
+        (Surface { vertices: soup.vertices, triangles: soup.triangles }, options.axes)
+    };
+    surface.vertices.iter_mut().for_each(|v| *v = Point3::from(v.coords * options.factor));
     Importer {
         file,
         sha256,
         options,
         progress,
-        axes: options.axes,
+        axes,
         warnings: Vec::new(),
         repairs: Vec::new(),
+        bridges: middle::Bridges::default(),
     }
     .run(surface)
 }
@@ -176,6 +195,7 @@ struct Importer<'a> {
     axes: Option<Axes>,
     warnings: Vec<String>,
     repairs: Vec<Repair>,
+    bridges: middle::Bridges,
 }
 
 impl Importer<'_> {
@@ -208,7 +228,7 @@ impl Importer<'_> {
         self.tell("way", 0.0);
         let way = self.way(&voxels, radius_m)?;
         let progress = &mut *self.progress;
-        let mut stations = middle::centre_line(&tree, &way, is_guided, |done| {
+        let mut stations = middle::centre_line(&tree, &way, &self.bridges, is_guided, |done| {
             progress(Progress { stage: "centre line", done });
         });
         self.check_tube(&stations, radius_m)?;
@@ -265,6 +285,7 @@ impl Importer<'_> {
         let (repairs, closures) = repaired;
         self.repairs = repairs;
         let radius_m = repair::mean_radius_m(surface);
+        self.check_walls(surface, radius_m)?;
         let (low, high) = surface.bounds();
         let size_m = (high - low).max();
         // Flat: the volume is what rounding leaves.
@@ -276,6 +297,19 @@ impl Importer<'_> {
             return Err(self.unit_error(size_m, radius_m));
         }
         Ok((radius_m, closures))
+    }
+
+    /// Refuses, or with waypoints warns of, what still looks like walls with a thickness: the line would run within them.
+    fn check_walls(&mut self, surface: &Surface, radius_m: f64) -> Result<(), ImportError> {
+        let Some(walls::Suspicion { at_m, part }) = walls::suspicion(surface, radius_m) else {
+            return Ok(());
+        };
+        let error = ImportError::Wall { file: self.file.clone(), at_m, percent: 100.0 * part };
+        if self.options.waypoints_m.is_empty() {
+            return Err(error);
+        }
+        self.warnings.push(error.to_string());
+        Ok(())
     }
 
     /// Takes out closures with lumen on both sides: there a lumen opens into another. Whether there were any.
@@ -315,11 +349,23 @@ impl Importer<'_> {
         let total = voxels.inside.len() as f64;
         let large: Vec<_> = parts.iter().filter(|part| part.voxels as f64 >= BUBBLE * total).collect();
         if large.len() > 1 {
+            let has_walls = self.repairs.iter().any(|repair| repair.kind == RepairKind::ThickWall);
+            if let Some((way, joints)) = chain::chain(voxels, &parts, large.len(), radius_m, has_walls) {
+                self.repairs.extend(joints.iter().map(|joint| Repair {
+                    kind: RepairKind::Parts,
+                    at_m: joint.middle_m(),
+                    size_m: joint.length_m(),
+                    count: 1,
+                }));
+                let pieces_m = joints.into_iter().flat_map(|joint| joint.pieces_m).collect();
+                self.bridges = middle::Bridges { pieces_m, reach_m: radius_m };
+                return Ok(way);
+            }
             let volume_ml = |voxels_in: usize| 1e6 * voxels.edge_m.powi(3) * voxels_in as f64;
             let parts = large.iter().map(|part| (part.middle_m, volume_ml(part.voxels))).collect();
             return Err(ImportError::SeveralParts { file: self.file.clone(), parts });
         }
-        let (from, to) = path::furthest_pair(voxels, largest.seed);
+        let (from, to) = path::furthest_pair(voxels, largest.seed, radius_m);
         let reach = search(voxels, from, Some(to), Pay::Middle { radius_m });
         Ok(reach.way_to(voxels, to).into_iter().map(|index| voxels.place_m(index)).collect())
     }

@@ -402,17 +402,20 @@ pub struct GenerateTract {
     pub force: bool,
 }
 
-/// A tract from a surface.
+/// A tract from a surface or a label volume.
 #[derive(Debug, Args)]
 pub struct ImportTract {
-    /// The surface.
+    /// The surface (.stl, .obj, .ply) or label volume (.nii, .nii.gz, .mha, .mhd).
     pub file: PathBuf,
     /// The tract file to write.
     #[arg(long)]
     pub out: PathBuf,
-    /// Metres per unit of the surface's file: 0.001 where it is in millimetres.
+    /// Metres per unit of the surface's file: 0.001 where it is in millimetres. Label volumes state millimetres; theirs are multiplied by it.
     #[arg(long, default_value_t = 1.0)]
     pub factor: f64,
+    /// Label of the lumen in a label volume, where it has several; may be repeated.
+    #[arg(long, allow_hyphen_values = true)]
+    pub label: Vec<i64>,
     /// Which way its axes point.
     #[arg(long, value_parser = ["ras", "lps"])]
     pub axes: Option<String>,

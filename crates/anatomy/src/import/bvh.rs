@@ -21,12 +21,16 @@ struct Node {
 /// The tree; it holds its own copy of the triangles, in its order.
 pub(super) struct Bvh {
     nodes: Vec<Node>,
-    triangles: Vec<[Point3<f64>; 3]>,
+    triangles: Vec<Named>,
 }
+
+/// Corners of a triangle and its index in the surface.
+type Named = ([Point3<f64>; 3], u32);
 
 impl Bvh {
     pub(super) fn new(surface: &Surface) -> Self {
-        let mut triangles: Vec<_> = (0..surface.triangles.len()).map(|t| surface.corners(t)).collect();
+        let mut triangles: Vec<Named> =
+            (0..surface.triangles.len()).map(|t| (surface.corners(t), t as u32)).collect();
         let mut tree = Self { nodes: Vec::new(), triangles: Vec::new() };
         if !triangles.is_empty() {
             let count = triangles.len();
@@ -36,10 +40,10 @@ impl Bvh {
         tree
     }
 
-    fn build(&mut self, triangles: &mut [[Point3<f64>; 3]], from: usize, to: usize) {
+    fn build(&mut self, triangles: &mut [Named], from: usize, to: usize) {
         let mut low = Vector3::repeat(f64::INFINITY);
         let mut high = -low;
-        for corner in triangles[from..to].iter().flatten() {
+        for corner in triangles[from..to].iter().flat_map(|(corners, _)| corners) {
             (low, high) = (low.inf(&corner.coords), high.sup(&corner.coords));
         }
         let index = self.nodes.len();
@@ -51,7 +55,7 @@ impl Bvh {
             return;
         }
         let axis = (high - low).imax();
-        let key = |t: &[Point3<f64>; 3]| t[0][axis] + t[1][axis] + t[2][axis];
+        let key = |(t, _): &Named| t[0][axis] + t[1][axis] + t[2][axis];
         let middle = from + count / 2;
         triangles[from..to].select_nth_unstable_by(count / 2, |a, b| key(a).total_cmp(&key(b)));
         self.build(triangles, from, middle);
@@ -72,7 +76,7 @@ impl Bvh {
         let node = &self.nodes[index];
         if node.count > 0 {
             let from = node.link as usize;
-            for triangle in &self.triangles[from..from + node.count as usize] {
+            for (triangle, _) in &self.triangles[from..from + node.count as usize] {
                 *best = best.min((closest(triangle, place) - place).norm_squared());
             }
             return;
@@ -89,8 +93,18 @@ impl Bvh {
 
     /// Distance along a unit vector to the first hit, m, where it is below `limit_m`.
     pub(super) fn hit_m(&self, from: &Point3<f64>, direction: &Vector3<f64>, limit_m: f64) -> Option<f64> {
+        self.first_hit(from, direction, limit_m).map(|(distance_m, _)| distance_m)
+    }
+
+    /// The same, with the triangle that is hit.
+    pub(super) fn first_hit(
+        &self,
+        from: &Point3<f64>,
+        direction: &Vector3<f64>,
+        limit_m: f64,
+    ) -> Option<(f64, u32)> {
         let inverse = direction.map(|d| 1.0 / d);
-        let mut best = limit_m;
+        let (mut best, mut name) = (limit_m, 0);
         let mut stack: Vec<usize> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
         while let Some(index) = stack.pop() {
             let node = &self.nodes[index];
@@ -102,13 +116,13 @@ impl Bvh {
                 continue;
             }
             let first = node.link as usize;
-            for triangle in &self.triangles[first..first + node.count as usize] {
+            for (triangle, index) in &self.triangles[first..first + node.count as usize] {
                 if let Some(t) = hit(triangle, from, direction).filter(|t| *t < best) {
-                    best = t;
+                    (best, name) = (t, *index);
                 }
             }
         }
-        (best < limit_m).then_some(best)
+        (best < limit_m).then_some((best, name))
     }
 }
 

@@ -17,7 +17,7 @@ pub enum ImportError {
     },
     /// A name whose ending tells no format.
     #[error(
-        "{file}: no surface; allowed: .stl, .obj, .ply (its ending tells the format); of a label volume (.nii, .mha) make a surface first"
+        "{file}: neither surface nor label volume; allowed: .stl, .obj, .ply, .nii, .nii.gz, .mha, .mhd (its ending tells the format)"
     )]
     UnknownFormat {
         /// The file.
@@ -32,6 +32,24 @@ pub enum ImportError {
         place: String,
         /// What is wrong.
         problem: String,
+    },
+    /// A label volume that cannot be used.
+    #[error("{file}: {problem}")]
+    Volume {
+        /// The file.
+        file: String,
+        /// What is wrong, and where.
+        problem: String,
+    },
+    /// A label volume in which it is not clear, or not there, what the lumen is.
+    #[error("{file}: {}", label_question(asked, found))]
+    Labels {
+        /// The file.
+        file: String,
+        /// Labels asked for.
+        asked: Vec<i64>,
+        /// Labels that are there beside 0, the first of them.
+        found: Vec<i64>,
     },
     /// Too few or too many triangles.
     #[error(
@@ -78,6 +96,19 @@ pub enum ImportError {
         diameter_mm: f64,
         /// Widest rim closed unasked, mm.
         limit_mm: f64,
+    },
+    /// Walls with a thickness whose inner face could not be told.
+    #[error(
+        "{file}: {percent:.0} % of the surface, among it around {} mm, look like the two faces of a wall, not like a lumen; the line would \
+         run within the wall; keep the inner face alone, or give waypoints in the lumen", place(.at_m)
+    )]
+    Wall {
+        /// The file.
+        file: String,
+        /// A place on it, surface frame, m.
+        at_m: Point3<f64>,
+        /// Part of the area, percent.
+        percent: f64,
     },
     /// Nothing is enclosed.
     #[error("{file}: the surface encloses nothing (around {} mm): {reason}", place(.at_m))]
@@ -181,6 +212,17 @@ fn list_parts(parts: &[(Point3<f64>, f64)]) -> String {
     let words: Vec<String> =
         parts.iter().take(8).map(|(at, ml)| format!("{ml:.1} ml around {} mm", place(at))).collect();
     words.join(", ")
+}
+
+fn label_question(asked: &[i64], found: &[i64]) -> String {
+    let list = |labels: &[i64]| labels.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    if found.is_empty() {
+        "holds no label but 0; there is no lumen in it".to_owned()
+    } else if asked.is_empty() {
+        format!("holds labels {}; which of them are the lumen?", list(found))
+    } else {
+        format!("asked for labels {}; there are: {}", list(asked), list(found))
+    }
 }
 
 fn unit_question(size_m: f64, radius_m: f64, factor: f64, suggestions: &[(f64, f64); 3]) -> String {

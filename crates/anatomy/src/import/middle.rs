@@ -46,17 +46,39 @@ pub struct ImportStation {
     pub normal: Vector3<f64>,
 }
 
+/// Straight pieces of a way that lie in no lumen: there the line is not centred, and has the section of the last place in a lumen.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Bridges {
+    /// Both ends of each, m.
+    pub(super) pieces_m: Vec<[Point3<f64>; 2]>,
+    /// The line may run so far beside them, m.
+    pub(super) reach_m: f64,
+}
+
+impl Bridges {
+    fn hold(&self, place: &Point3<f64>) -> bool {
+        let away_m = |[a, b]: &[Point3<f64>; 2]| {
+            let along = b - a;
+            let part =
+                (along.dot(&(place - a)) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            (a + along * part - place).norm()
+        };
+        self.pieces_m.iter().any(|piece| away_m(piece) < self.reach_m)
+    }
+}
+
 /// The centre line of a row of places through the lumen, m. `has_ends`: the row begins and ends where the user says.
 pub(super) fn centre_line(
     tree: &Bvh,
     way: &[Point3<f64>],
+    bridges: &Bridges,
     has_ends: bool,
     mut progress: impl FnMut(f64),
 ) -> Vec<ImportStation> {
     let way = if has_ends { way.to_vec() } else { cut_ends(tree, way) };
     let mut points = smooth(tree, &resample(&way));
     for round in 0..ROUNDS {
-        let centred = centre(tree, &points);
+        let centred = centre(tree, bridges, &points);
         let mut smoothed = smooth(tree, &resample(&centred));
         if has_ends {
             pin(&mut smoothed, &way);
@@ -65,7 +87,7 @@ pub(super) fn centre_line(
         progress(round as f64 / ROUNDS as f64);
     }
     let full = if has_ends { (0, points.len().saturating_sub(1)) } else { extend(tree, &mut points) };
-    measure(tree, &points, full)
+    measure(tree, bridges, &points, full)
 }
 
 /// Leads both ends of a line straight to the places given.
@@ -164,9 +186,12 @@ fn median(rays: &[f64; DIRECTIONS]) -> f64 {
 }
 
 /// Every point moved to the centroid of its section.
-fn centre(tree: &Bvh, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+fn centre(tree: &Bvh, bridges: &Bridges, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let tangents = tangents(points, 2);
     let moved = |(point, tangent): (&Point3<f64>, &Vector3<f64>)| {
+        if bridges.hold(point) {
+            return *point;
+        }
         let (normal, binormal) = across(tangent);
         let rays = rays(tree, point, &normal, &binormal);
         let longest = LONGEST_RAY * median(&rays);
@@ -229,21 +254,30 @@ fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>) -> (usize, usize) {
     (from, points.len() - 1 - added[1])
 }
 
-fn measure(tree: &Bvh, points: &[Point3<f64>], (from, to): (usize, usize)) -> Vec<ImportStation> {
+fn measure(
+    tree: &Bvh,
+    bridges: &Bridges,
+    points: &[Point3<f64>],
+    (from, to): (usize, usize),
+) -> Vec<ImportStation> {
     let tangents = tangents(points, 2);
     let mut normal = tangents.first().map_or_else(Vector3::zeros, |t| across(t).0);
     let mut stations: Vec<ImportStation> = Vec::with_capacity(points.len());
-    for (point, tangent) in points.iter().zip(&tangents) {
+    let mut in_lumen = from;
+    // For each station the last one before it with a section of its own.
+    let mut section_of = Vec::with_capacity(points.len());
+    for (i, (point, tangent)) in points.iter().zip(&tangents).enumerate() {
         normal = unit_or_zero(normal - tangent * tangent.dot(&normal));
         let rays_m = rays(tree, point, &normal, &tangent.cross(&normal));
         stations.push(ImportStation { point_m: *point, radius_m: median(&rays_m), rays_m, normal });
+        if (from..=to).contains(&i) && !bridges.hold(point) {
+            in_lumen = i;
+        }
+        section_of.push(in_lumen);
     }
-    // Between the last full section and the end wall the section is that of the last full one.
-    for i in (0..from).chain(to + 1..points.len()) {
-        let (rays_m, radius_m) = {
-            let full = &stations[i.clamp(from, to)];
-            (full.rays_m, full.radius_m)
-        };
+    // Also between the last full section and the end wall the section is that of the last full one.
+    for i in 0..points.len() {
+        let (rays_m, radius_m) = (stations[section_of[i]].rays_m, stations[section_of[i]].radius_m);
         (stations[i].rays_m, stations[i].radius_m) = (rays_m, radius_m);
     }
     stations

@@ -9,6 +9,7 @@
 use super::bvh::Bvh;
 use super::error::place;
 use super::surface::{Rim, Surface, Unions};
+use super::walls;
 use nalgebra::Point3;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
@@ -53,6 +54,8 @@ pub enum RepairKind {
     Inverted,
     /// The outer face of a wall drawn double went.
     OuterWall,
+    /// The outer face of a wall with a thickness went, where it is no shell of its own.
+    ThickWall,
     /// A shell within the lumen went.
     Content,
     /// Two rims were joined by a strip.
@@ -65,6 +68,8 @@ pub enum RepairKind {
     ClosedWide,
     /// A loose speck went.
     Speck,
+    /// Two parts of the lumen whose ends face each other were joined.
+    Parts,
     /// The line was led through a wall between two waypoints.
     Passage,
 }
@@ -94,6 +99,9 @@ impl fmt::Display for Repair {
             RepairKind::OuterWall => {
                 format!("outer face of a double wall removed ({n} triangles, {mm:.1} mm)")
             }
+            RepairKind::ThickWall => {
+                format!("outer face of a wall {mm:.1} mm thick removed ({n} triangles)")
+            }
             RepairKind::Content => {
                 format!("shell within or along the lumen removed ({n} triangles, {mm:.1} mm)")
             }
@@ -104,6 +112,9 @@ impl fmt::Display for Repair {
             }
             RepairKind::ClosedWide => format!("wide rim of {n} edges, {mm:.1} mm, closed by a flat fan"),
             RepairKind::Speck => format!("loose speck removed ({n} triangles, {mm:.1} mm)"),
+            RepairKind::Parts => {
+                format!("the lumen is blind here: two ends facing each other joined over {mm:.1} mm")
+            }
             RepairKind::Passage => format!("the line was led {mm:.1} mm outside the lumen, through walls"),
         };
         write!(f, "{words}, at {} mm", place(&self.at_m))
@@ -123,7 +134,11 @@ pub(super) fn repair(surface: &mut Surface, is_guided: bool) -> Result<(Vec<Repa
     let mut repairs = weld(surface);
     repairs.extend(orient(surface));
     repairs.extend(unnest(surface));
-    repairs.extend(join_rims(surface));
+    let radius_m = mean_radius_m(surface);
+    let walls = walls::take_inner_faces(surface, radius_m);
+    let wall_m = walls.iter().map(|wall| wall.size_m).fold(0.0, f64::max);
+    repairs.extend(walls);
+    repairs.extend(join_rims(surface, wall_m));
     repairs.extend(drop_specks(surface));
     let (closed, mut closures) = close_rims(surface, is_guided)?;
     closures.iter_mut().for_each(|closure| closure.repair += repairs.len());
@@ -344,22 +359,23 @@ pub(super) fn winding_number(surface: &Surface, place: &Point3<f64>) -> f64 {
     (0..surface.triangles.len()).map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// How badly two rims fit, m; `None` where they do not face each other.
-fn misfit(a: &Rim, b: &Rim) -> Option<f64> {
+/// How badly two rims fit, m; `None` where they do not face each other. `wall_m`: thickness of walls whose outer face was removed; where
+/// a stretch with a wall meets one without, the rims differ by twice that.
+fn misfit(a: &Rim, b: &Rim, wall_m: f64) -> Option<f64> {
     let distance = (a.centre - b.centre).norm();
     let (small, large) = (a.diameter_m.min(b.diameter_m), a.diameter_m.max(b.diameter_m));
     let is_same = distance < SAME_RIM * small && large < (1.0 + SAME_RIM) * small;
     let is_facing = is_same || a.outward.dot(&b.outward) < FACING_COSINE;
-    let fits = distance < FACING_DISTANCE * small && large < FACING_RATIO * small;
+    let fits = distance < FACING_DISTANCE * small && large - 2.0 * wall_m < FACING_RATIO * small;
     (is_facing && fits).then_some(distance + (large - small))
 }
 
-fn join_rims(surface: &mut Surface) -> Vec<Repair> {
+fn join_rims(surface: &mut Surface, wall_m: f64) -> Vec<Repair> {
     let rims = surface.rims();
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for a in 0..rims.len() {
         for b in a + 1..rims.len() {
-            pairs.extend(misfit(&rims[a], &rims[b]).map(|m| (m, a, b)));
+            pairs.extend(misfit(&rims[a], &rims[b], wall_m).map(|m| (m, a, b)));
         }
     }
     pairs.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));

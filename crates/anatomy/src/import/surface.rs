@@ -212,7 +212,7 @@ impl Surface {
     }
 
     /// Neighbour across each side of each triangle, and whether both turn the same way.
-    fn neighbours(&self) -> Vec<[Option<(u32, bool)>; 3]> {
+    pub(super) fn neighbours(&self) -> Vec<[Option<(u32, bool)>; 3]> {
         let mut neighbours = vec![[None; 3]; self.triangles.len()];
         let mut put = |from: &EdgeUse, to: &EdgeUse| {
             let sides: &mut [Option<(u32, bool)>; 3] = &mut neighbours[from.triangle as usize];

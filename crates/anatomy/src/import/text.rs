@@ -20,7 +20,7 @@ pub fn tract_file_text(imported: &ImportedTract, made_by: &str) -> String {
     };
     line(&format!("# Made by: {}", one_line(made_by)));
     line(&format!(
-        "# Method: {} triangles, voxels of {:.3} mm, cheapest way by (radius / clearance)^4, sections of 24 rays, parabolas of 5 mm, \
+        "# Method: {} triangles, voxels of {:.3} mm, cheapest way by (radius / clearance)^6, sections of 24 rays, parabolas of 5 mm, \
          stations every 2 mm; radius: median of the rays.",
         imported.triangles,
         1e3 * imported.voxel_m

@@ -161,7 +161,7 @@ impl VoxelsTable {
     }
 }
 
-fn open(path: &Path) -> Result<Header, String> {
+pub(crate) fn open(path: &Path) -> Result<Header, String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let ends = |ending: &str| name.ends_with(ending);
     if ends(".nii") || ends(".nii.gz") {
@@ -209,7 +209,7 @@ fn text_header(path: &Path, is_last: impl Fn(&str) -> bool) -> Result<(String, u
 }
 
 impl Header {
-    fn check(&self) -> Result<(), String> {
+    pub(crate) fn check(&self) -> Result<(), String> {
         let count = self.size.iter().try_fold(1_usize, |n, s| n.checked_mul(*s));
         if count.is_none_or(|n| n == 0 || n > MAX_VOXELS) {
             return Err(format!("{:?} voxels; allowed: 1 to {MAX_VOXELS} in all", self.size));
@@ -217,6 +217,10 @@ impl Header {
         let edges = self.edges_m.column_iter().all(|e| e.norm() > 0.0 && e.norm() <= MAX_VOXEL_M);
         if !edges {
             return Err(format!("voxels of no size, or of more than {} mm", MAX_VOXEL_M * 1e3));
+        }
+        let volume: f64 = self.edges_m.column_iter().map(|e| e.norm()).product();
+        if self.edges_m.determinant().abs() < 1e-6 * volume {
+            return Err("voxels whose edges lie in one plane".to_owned());
         }
         if self.first_m.is_some_and(|p| !p.iter().all(|v| v.abs() <= MAX_PLACE_M)) {
             return Err(format!("an image more than {MAX_PLACE_M} m from its origin"));
@@ -229,44 +233,62 @@ impl Header {
 
     /// Material per voxel.
     fn labels(&mut self, material_of: &BTreeMap<i64, u8>) -> Result<Vec<u8>, String> {
+        let size = self.size;
+        let mut voxels: Vec<u8> = Vec::new();
+        let mut last: Option<(i64, u8)> = None;
+        self.each_label(|label| {
+            let material = match last {
+                Some((same, material)) if same == label => material,
+                _ => material(label, material_of)
+                    .map_err(|told| format!("{} {told}", place(size, voxels.len())))?,
+            };
+            last = Some((label, material));
+            voxels.push(material);
+            Ok(())
+        })?;
+        Ok(voxels)
+    }
+
+    /// Hands over every voxel's label, in the order of the file.
+    pub(crate) fn each_label(
+        &mut self,
+        mut take: impl FnMut(i64) -> Result<(), String>,
+    ) -> Result<(), String> {
         let count: usize = self.size.iter().product();
         let size = self.element.bytes();
-        let mut voxels: Vec<u8> = Vec::new();
         let mut buffer = vec![0; 4096 * size];
-        let mut last: Option<(f64, u8)> = None;
-        while voxels.len() < count {
-            let part = &mut buffer[..size * (count - voxels.len()).min(4096)];
+        let mut done = 0;
+        while done < count {
+            let part = &mut buffer[..size * (count - done).min(4096)];
             self.data.read_exact(part).map_err(|error| match error.kind() {
                 std::io::ErrorKind::UnexpectedEof => {
                     format!("cut: fewer than {count} voxels of {size} bytes")
                 }
-                _ => format!("cannot be read after {} voxels: {error}", voxels.len()),
+                _ => format!("cannot be read after {done} voxels: {error}"),
             })?;
             for bytes in part.chunks_exact_mut(size) {
                 if self.is_big_endian {
                     bytes.reverse();
                 }
                 let number = self.element.value(bytes) * self.slope + self.intercept;
-                let material = match last {
-                    Some((same, material)) if same == number => material,
-                    _ => self.material(number, voxels.len(), material_of)?,
-                };
-                last = Some((number, material));
-                voxels.push(material);
+                if number.is_nan() || number.fract() != 0.0 || number.abs() > 1e15 {
+                    let at = place(self.size, done);
+                    return Err(format!("{at} holds {number}; a whole number is a label"));
+                }
+                take(number as i64)?;
+                done += 1;
             }
         }
-        Ok(voxels)
+        Ok(())
     }
+}
 
-    fn material(&self, number: f64, voxel: usize, material_of: &BTreeMap<i64, u8>) -> Result<u8, String> {
-        let [nx, ny, _] = self.size;
-        let at = format!("voxel ({}, {}, {})", voxel % nx, voxel / nx % ny, voxel / (nx * ny));
-        if number.fract() != 0.0 || number.abs() > 1e15 {
-            return Err(format!("{at} holds {number}; a whole number is a label"));
-        }
-        let known = || material_of.keys().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        material_of.get(&(number as i64)).copied().ok_or_else(|| {
-            format!("{at} holds label {number}, which no tissue has; the table has: {}", known())
-        })
-    }
+fn place([nx, ny, _]: [usize; 3], voxel: usize) -> String {
+    format!("voxel ({}, {}, {})", voxel % nx, voxel / nx % ny, voxel / (nx * ny))
+}
+
+fn material(label: i64, material_of: &BTreeMap<i64, u8>) -> Result<u8, String> {
+    let known = || material_of.keys().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    let unknown = || format!("holds label {label}, which no tissue has; the table has: {}", known());
+    material_of.get(&label).copied().ok_or_else(unknown)
 }

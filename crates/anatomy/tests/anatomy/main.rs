@@ -2,6 +2,8 @@
 
 mod bad_files;
 mod generated;
+mod import_volumes;
+mod import_walls;
 mod imports;
 mod real_people;
 mod shapes;

@@ -1,4 +1,4 @@
-//! `models import`: a person's own gut, from a surface to a tract file.
+//! `models import`: a person's own gut, from a surface or a label volume to a tract file.
 
 use crate::args::ImportTract;
 use crate::exit::WrongFiles;
@@ -42,6 +42,7 @@ fn options_of(asked: &ImportTract) -> anyhow::Result<ImportOptions> {
     };
     Ok(ImportOptions {
         factor: asked.factor,
+        labels: asked.label.clone(),
         axes,
         organ,
         name: asked.name.clone(),
