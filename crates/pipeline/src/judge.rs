@@ -3,10 +3,10 @@
 #![expect(clippy::disallowed_types, reason = "world side: evaluation compares with the truth")]
 
 use crate::events::UpdateError;
-use lumenav_core::{CapsuleTruth, FixKind, Measurement, NominalState, PathMap, PublishedEstimate};
+use lumenav_core::{CapsuleTruth, FixKind, Measurement, NominalState, PathMap, PublishedEstimate, SimTime};
 use lumenav_evaluation::consistency::{ErrorBlock, nees};
 use lumenav_evaluation::pose_error::PoseError;
-use nalgebra::{DMatrix, Point3};
+use nalgebra::{DMatrix, Isometry3, Point3};
 
 /// The part of the pose error that an estimate of this kind answers for.
 fn block(kind: FixKind) -> ErrorBlock {
@@ -17,18 +17,28 @@ fn block(kind: FixKind) -> ErrorBlock {
     }
 }
 
+/// The tract as a map, and where it is: the patient carries it.
+#[derive(Clone, Copy)]
+pub struct PlacedMap<'m> {
+    /// The map, in the tract's own frame.
+    pub map: &'m dyn PathMap,
+    /// `world_from_map` at an instant.
+    pub world_from_map: &'m dyn Fn(SimTime) -> Isometry3<f64>,
+}
+
 /// Errors, NEES, along-tract error and bound of one update.
 pub fn judge(
     estimate: &PublishedEstimate,
     truth: &CapsuleTruth,
     measurement: Option<&Measurement>,
-    map: Option<&dyn PathMap>,
+    map: Option<PlacedMap<'_>>,
 ) -> UpdateError {
     let pose = &estimate.pose;
     let error = PoseError::between(&pose.world_from_capsule, &truth.world_from_capsule);
     let along_tract_m = map.zip(truth.arc_length_m).and_then(|(map, true_m)| {
         let p = Point3::from(pose.world_from_capsule.translation.vector);
-        map.nearest(&p, 1).first().map(|found| found.arc_length_m - true_m)
+        let p = (map.world_from_map)(estimate.at).inverse_transform_point(&p);
+        map.map.nearest(&p, 1).first().map(|found| found.arc_length_m - true_m)
     });
     UpdateError {
         position_world_m: -error.position_world_m,
