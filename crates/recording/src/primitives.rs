@@ -187,4 +187,18 @@ mod tests {
         assert_eq!(points(1.0), points(1.0));
         assert_ne!(points(1.0), points(1.000_000_1));
     }
+
+    #[test]
+    fn law_a_placement_stands_above_what_it_carries_and_moves() {
+        let placement = |z_m: f64| Primitive::Placement {
+            path: "tract".into(),
+            world_from_path: nalgebra::Isometry3::translation(0.0, 0.0, z_m),
+        };
+        let lumen = Primitive::Lines { path: "tract/lumen".into(), strips_world_m: vec![], rgba: vec![] };
+        let below = path(&SceneOwner::World, &placement(0.0)) + "/";
+        assert!(path(&SceneOwner::World, &lumen).starts_with(&below));
+        let print = |z_m: f64| fingerprint(&components(&SceneOwner::World, &placement(z_m)));
+        assert_ne!(print(0.1), print(0.2));
+        assert!(!components(&SceneOwner::World, &placement(0.1)).is_empty());
+    }
 }

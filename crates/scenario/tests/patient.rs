@@ -1,5 +1,7 @@
 //! A patient who moves, around the engine and around kinematic truth.
 
+#![expect(clippy::disallowed_types, reason = "world side: these tests look at the truth")]
+
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::MotilityConfig;
 use lumenav_anatomy::segment::SegmentKey;
@@ -8,7 +10,7 @@ use lumenav_anatomy::tract_file::{TractOptions, load};
 use lumenav_core::config::Node;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::pose::log_so3;
-use lumenav_core::{CapsuleBody, ModelFolder, RandomStreams, SimTime};
+use lumenav_core::{CapsuleBody, ModelFolder, Primitive, RandomStreams, SimTime};
 use lumenav_scenario::engine::{Engine, EngineConfig, TOLERANCE_M};
 use lumenav_scenario::patient::{
     Cough, PATIENT_EVENT_SOURCES, PATIENT_SOURCES, Patient, PatientConfig, PatientEvent, Posture, Ride, Turn,
@@ -482,4 +484,32 @@ fn law_every_default_of_a_patient_has_a_source() {
     let keys: std::collections::BTreeSet<String> =
         PATIENT_SOURCES.iter().chain(&PATIENT_EVENT_SOURCES).map(|(key, _)| (*key).to_owned()).collect();
     assert_eq!(sourced, keys);
+}
+
+#[test]
+fn law_the_drawn_tract_follows_the_patient() {
+    let mut world = scenario(&in_the_colon(RESTLESS)).unwrap();
+    let mut still = Vec::new();
+    world.static_scene(&mut still);
+    for at_s in [0.0, 4.0, 8.5, 14.0] {
+        world.advance_to(seconds(at_s)).unwrap();
+        let mut moving = Vec::new();
+        world.moving_scene(&mut moving);
+        let placed = moving.iter().find_map(|primitive| match primitive {
+            Primitive::Placement { path, world_from_path } if path == "tract" => Some(*world_from_path),
+            _ => None,
+        });
+        let gut = world.truth().frame("gut", seconds(at_s)).unwrap();
+        assert!((placed.unwrap().to_homogeneous() - gut.to_homogeneous()).norm() < 0.02, "{at_s} s");
+    }
+    let drawn: Vec<&str> = still
+        .iter()
+        .map(|primitive| match primitive {
+            Primitive::Mesh { path, .. } | Primitive::Lines { path, .. } => path.as_str(),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert!(drawn.iter().all(|path| path.starts_with("tract/")), "{drawn:?}");
+    let notes: Vec<String> = world.take_notes().into_iter().map(|note| note.text).collect();
+    assert!(notes.iter().any(|text| text == "patient: turns to left-lateral until 6 s"), "{notes:?}");
 }
