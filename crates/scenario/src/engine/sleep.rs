@@ -18,6 +18,9 @@ const SLEEPING_M_S: f64 = 1e-5;
 /// For so long, s.
 const SLEEPY_FOR_S: f64 = 1.0;
 
+/// Number of a step that no exam reaches (a million years).
+const LAST_STEP: f64 = 1e15;
+
 /// Whether the capsule sleeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sleep {
@@ -84,7 +87,9 @@ impl Engine {
 
     /// Index of the first step that starts at `time_s` or later.
     fn first_step_at(&self, time_s: f64) -> u64 {
-        if !time_s.is_finite() {
+        // Beyond this a step is no longer told from the next, and counting on would never end: a snapshot writes "for ever" as the
+        // largest number.
+        if time_s.is_nan() || time_s / self.step_s > LAST_STEP {
             return u64::MAX;
         }
         let mut index = (time_s / self.step_s).max(0.0) as u64;
