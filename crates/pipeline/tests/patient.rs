@@ -1,7 +1,5 @@
 //! `scenarios/cough-and-turn.toml` from the file to the errors of its tracks.
 
-#![expect(clippy::disallowed_types, reason = "world side: an observer is shown the truth")]
-
 use lumenav_core::{ModelFolder, Node, Primitive, Registry, SimTime};
 use lumenav_magnetic::Magnetic;
 use lumenav_pipeline::{ObserverError, Observers, RunEvent, RunHeader, RunObserver, Stage, simulate};

@@ -306,7 +306,7 @@ fn law_steps_jumps_and_snapshots_are_the_same_within_a_patient() {
         engine.settle().unwrap();
         engine
     };
-    let [mut steps, mut jumps, mut resumed] = [make(), make(), make()];
+    let (mut steps, mut jumps, mut resumed) = (make(), make(), make());
     let mut stepped = 0;
     for until_s in [0.9, 19.7, 21.0, 60.99, 62.0, 79.0, 99.0, 102.2, 160.0, 200.0] {
         while steps.time() < seconds(until_s) {

@@ -111,7 +111,7 @@ impl Patient {
         };
         let mut busy_s: Vec<[f64; 2]> = config.event.iter().map(moving).collect();
         busy_s.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        Self { start_rad, turns, shifts, busy_s, config }
+        Self { config, start_rad, turns, shifts, busy_s }
     }
 
     /// Its table.
