@@ -19,6 +19,8 @@ pub struct PathProjection {
 }
 
 /// Projects points onto a path. Implemented by tracts; used by map constraints and along-tract errors.
+///
+/// The map's frame is the world as long as no patient moves; who does carries the path along, and asks in the path's own frame.
 pub trait PathMap: Send + Sync {
     /// The nearest `count` local minima of the distance, nearest first (a folded bowel has several).
     fn nearest(&self, point_world_m: &Point3<f64>, count: usize) -> Vec<PathProjection>;

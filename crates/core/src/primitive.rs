@@ -1,7 +1,7 @@
 //! What a plugin draws. Recording and report show these without knowing the modality.
 //!
 //! Paths are relative to the plugin's own place (`/world/sensors/<sensor>/…` for a sensor, `/world/readings/<sensor>/…`
-//! for a front end); positions are world metres unless a `frame` is named.
+//! for a front end); positions are world metres, unless a [`Primitive::Placement`] carries what stands below its path.
 
 /// One thing to draw.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +47,13 @@ pub enum Primitive {
         triangles: Vec<[u32; 3]>,
         /// Colour per vertex, or one for all.
         rgba: Vec<u32>,
+    },
+    /// Where everything at and below a path is from now on.
+    Placement {
+        /// Where in the plugin's tree.
+        path: String,
+        /// Pose, in the world, of the frame in which the positions there are given.
+        world_from_path: nalgebra::Isometry3<f64>,
     },
     /// A number over time.
     Scalar {

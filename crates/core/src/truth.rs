@@ -38,6 +38,12 @@ pub trait TruthView {
     fn interval(&self) -> Range<SimTime>;
     /// The capsule at an instant inside [`TruthView::interval`].
     fn capsule(&self, at: SimTime) -> CapsuleTruth;
-    /// `world_from_<name>` of a moving frame (`torso`, `bed`, `epm`), `None` where the scenario has no such frame.
+    /// `world_from_<name>` of a moving frame, `None` where the scenario has no such frame. Of a patient: `torso` (the trunk), `abdomen` (the
+    /// belly's surface, which breath lifts), `gut` (in which the tract stands still).
     fn frame(&self, name: &str, at: SimTime) -> Option<Isometry3<f64>>;
+    /// What estimators are told of the pose of something that is worn on a frame: that of the frame to which it has been calibrated. For
+    /// the `abdomen` this is the `torso`: nobody follows the belly's surface.
+    fn told_frame(&self, name: &str, at: SimTime) -> Option<Isometry3<f64>> {
+        self.frame(name, at)
+    }
 }

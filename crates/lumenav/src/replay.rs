@@ -188,9 +188,13 @@ pub fn open_replay(
     models: Option<&Path>,
 ) -> Result<(ScenarioFile, Option<ReferenceTrajectory>), ScenarioError> {
     let file = crate::open_scenario(path, overrides, models)?;
-    for (key, why) in
-        [("tract", "a world"), ("motility", "a world"), ("engine", "a world"), ("fault", "faults")]
-    {
+    for (key, why) in [
+        ("tract", "a world"),
+        ("motility", "a world"),
+        ("engine", "a world"),
+        ("patient", "a patient"),
+        ("fault", "faults"),
+    ] {
         if file.node.child(key).is_some() {
             return Err(file.node.error_at(key, &format!("a replay has no {why} to simulate")).into());
         }

@@ -13,7 +13,7 @@ use crate::control::{self, Control};
 use crate::error::RunError;
 use crate::events::{RunEvent, RunHeader, RunObserver, SceneOwner, TrackUpdate};
 use crate::faults::{Fate, Faults};
-use crate::judge::judge;
+use crate::judge::{PlacedMap, judge};
 use crate::track::{Step, Track};
 use lumenav_core::time::{NANOSECONDS_PER_SECOND, nanoseconds};
 use lumenav_core::{
@@ -23,6 +23,7 @@ use lumenav_core::{
 use lumenav_fusion::{Counters, Hindsight, Turn};
 use lumenav_scenario::file::RecordTable;
 use lumenav_scenario::{ScenarioFile, World};
+use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -269,7 +270,7 @@ fn feed(
     tracks: &mut [Track],
     reading: &Reading,
     truth_at: TruthAt<'_>,
-    map: Option<&dyn PathMap>,
+    map: Option<PlacedMap<'_>>,
     observers: &mut Observers<'_>,
 ) -> Result<(), RunError> {
     for track in tracks {
@@ -307,7 +308,7 @@ fn tell_step(
     reading: &Reading,
     step: &Step,
     truth_at: TruthAt<'_>,
-    map: Option<&dyn PathMap>,
+    map: Option<PlacedMap<'_>>,
     observers: &mut Observers<'_>,
 ) -> Result<(), RunError> {
     let name = track.name.clone();
@@ -522,7 +523,9 @@ impl Simulation {
         observers.tell(&RunEvent::Reading { reading: &reading, labels: labels.as_ref() })?;
         let world = &self.world;
         let truth_at = |at: SimTime| Some(world.truth().capsule(at));
-        feed(&mut self.tracks, &reading, &truth_at, self.map.as_deref(), observers)
+        let world_from_map = |at: SimTime| world.truth().frame("gut", at).unwrap_or_else(Isometry3::identity);
+        let map = self.map.as_deref().map(|map| PlacedMap { map, world_from_map: &world_from_map });
+        feed(&mut self.tracks, &reading, &truth_at, map, observers)
     }
 
     fn picture(&mut self, at: SimTime, observers: &mut Observers<'_>) -> Result<(), RunError> {

@@ -4,8 +4,9 @@
 //! them. Meshes of the world (tract, body, bed) are drawn see-through where their colour is opaque: what is in them is
 //! what matters. A thing that is drawn again unchanged costs nothing: it is recognised by a hash of its content.
 
+use crate::geometry::transform;
 use crate::palette::with_alpha;
-use lumenav_core::Primitive;
+use lumenav_core::{FixKind, Primitive};
 use lumenav_pipeline::SceneOwner;
 use rerun::{AsComponents, Color, SerializedComponentBatch};
 
@@ -23,6 +24,7 @@ pub(crate) fn path(owner: &SceneOwner, primitive: &Primitive) -> String {
         | Primitive::Lines { path, .. }
         | Primitive::Arrows { path, .. }
         | Primitive::Mesh { path, .. }
+        | Primitive::Placement { path, .. }
         | Primitive::Scalar { path, .. }
         | Primitive::Image { path, .. }
         | Primitive::Text { path, .. } => path,
@@ -44,7 +46,10 @@ pub(crate) fn extent_points_m(primitive: &Primitive) -> Vec<[f32; 3]> {
         Primitive::Lines { strips_world_m, .. } => strips_world_m.iter().flatten().copied().collect(),
         Primitive::Arrows { origins_world_m, .. } => origins_world_m.clone(),
         Primitive::Mesh { vertices_world_m, .. } => vertices_world_m.clone(),
-        Primitive::Scalar { .. } | Primitive::Image { .. } | Primitive::Text { .. } => Vec::new(),
+        Primitive::Placement { .. }
+        | Primitive::Scalar { .. }
+        | Primitive::Image { .. }
+        | Primitive::Text { .. } => Vec::new(),
     }
 }
 
@@ -73,6 +78,9 @@ pub(crate) fn components(owner: &SceneOwner, primitive: &Primitive) -> Vec<Seria
         }
         Primitive::Mesh { vertices_world_m, triangles, rgba, .. } => {
             mesh(owner, vertices_world_m, triangles, rgba).as_serialized_batches()
+        }
+        Primitive::Placement { world_from_path, .. } => {
+            transform(world_from_path, FixKind::Full).as_serialized_batches()
         }
         Primitive::Scalar { value, .. } => rerun::Scalars::single(*value).as_serialized_batches(),
         Primitive::Image { jpeg, .. } => rerun::EncodedImage::from_file_contents(jpeg.clone())
@@ -178,5 +186,19 @@ mod tests {
         };
         assert_eq!(points(1.0), points(1.0));
         assert_ne!(points(1.0), points(1.000_000_1));
+    }
+
+    #[test]
+    fn law_a_placement_stands_above_what_it_carries_and_moves() {
+        let placement = |z_m: f64| Primitive::Placement {
+            path: "tract".into(),
+            world_from_path: nalgebra::Isometry3::translation(0.0, 0.0, z_m),
+        };
+        let lumen = Primitive::Lines { path: "tract/lumen".into(), strips_world_m: vec![], rgba: vec![] };
+        let below = path(&SceneOwner::World, &placement(0.0)) + "/";
+        assert!(path(&SceneOwner::World, &lumen).starts_with(&below));
+        let print = |z_m: f64| fingerprint(&components(&SceneOwner::World, &placement(z_m)));
+        assert_ne!(print(0.1), print(0.2));
+        assert!(!components(&SceneOwner::World, &placement(0.1)).is_empty());
     }
 }

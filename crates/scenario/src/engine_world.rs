@@ -5,6 +5,7 @@
 use crate::engine::{ENGINE_SOURCES, Engine, EngineConfig, EngineError, EventKind};
 use crate::error::ScenarioError;
 use crate::file::{ScenarioFile, TractTable};
+use crate::patient::{Patient, calibrated_frame, frame_of};
 use crate::wave_notes::WaveWatch;
 use crate::world::{TruthHistory, World, WorldNote};
 use lumenav_anatomy::motility::Motility;
@@ -33,6 +34,7 @@ const CONTRACTED: f64 = 0.75;
 /// A capsule in a tract, stepped by the engine.
 pub struct EngineWorld {
     engine: Engine,
+    /// Pose, velocity and angular rate in the gut's frame: the patient's part is added at the very instant that is asked for.
     history: TruthHistory,
     step_ns: i64,
     notes: Vec<WorldNote>,
@@ -70,6 +72,7 @@ impl EngineWorld {
     pub fn new(
         file: &ScenarioFile,
         table: &TractTable,
+        patient: Option<Arc<Patient>>,
         streams: &RandomStreams,
     ) -> Result<(Self, Arc<Tract>), ScenarioError> {
         let (tract, warnings) = read_tract(file, table)?;
@@ -101,6 +104,9 @@ impl EngineWorld {
                 }
                 _ => engine_node.error(&error.to_string()),
             })?;
+        if let Some(patient) = patient {
+            engine = engine.within(patient);
+        }
         engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
         let waves = WaveWatch::new(engine.lumen().motility());
         let history = TruthHistory::default();
@@ -109,12 +115,21 @@ impl EngineWorld {
         for text in std::mem::take(&mut world.warnings) {
             world.notes.push(WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
         }
+        if let Some(patient) = world.engine.patient() {
+            let told =
+                patient.notes().map(|(at_s, text)| WorldNote { at: SimTime::from_seconds(at_s), text });
+            world.notes.extend(told);
+        }
         Ok((world, tract))
+    }
+
+    fn patient(&self) -> Option<&Patient> {
+        self.engine.patient().map(|patient| &**patient)
     }
 
     /// Adds the engine's state to the history, and its events to the notes.
     fn remember(&mut self) {
-        let state = self.engine.state();
+        let state = self.engine.state_in_gut();
         self.history.push(CapsuleTruth {
             at: state.at,
             world_from_capsule: state.world_from_capsule,
@@ -154,11 +169,26 @@ impl TruthView for EngineWorld {
 
     fn capsule(&self, at: SimTime) -> CapsuleTruth {
         // The constructor remembers the start, so the history is never empty.
-        self.history.at(at).unwrap_or_else(|| unreachable!("the history holds the start"))
+        let carried = self.history.at(at).unwrap_or_else(|| unreachable!("the history holds the start"));
+        let Some(patient) = self.patient() else { return carried };
+        // Outside the interval the nearest end is given, the patient's part with it.
+        let gut = patient.gut(carried.at.seconds());
+        let pose = &carried.world_from_capsule;
+        CapsuleTruth {
+            world_from_capsule: gut.world_from_frame * pose,
+            velocity_world_m_s: gut.velocity_world(&pose.translation.vector, &carried.velocity_world_m_s),
+            angular_rate_capsule_rad_s: carried.angular_rate_capsule_rad_s
+                + pose.rotation.inverse() * gut.rate_frame_rad_s,
+            ..carried
+        }
     }
 
-    fn frame(&self, name: &str, _at: SimTime) -> Option<Isometry3<f64>> {
-        (name == "torso").then(|| *self.engine.world_from_torso())
+    fn frame(&self, name: &str, at: SimTime) -> Option<Isometry3<f64>> {
+        frame_of(self.patient(), name, at.seconds())
+    }
+
+    fn told_frame(&self, name: &str, at: SimTime) -> Option<Isometry3<f64>> {
+        self.frame(calibrated_frame(name), at)
     }
 }
 
@@ -172,7 +202,7 @@ impl World for EngineWorld {
                 self.engine.step();
             }
             self.remember();
-            let state = self.engine.state();
+            let state = self.engine.state_in_gut();
             if !state.world_from_capsule.translation.vector.iter().all(|v| v.is_finite()) {
                 let what = "the capsule's position is not finite".to_owned();
                 return Err(ScenarioError::Engine { at_s: state.at.seconds(), what });
@@ -223,6 +253,10 @@ impl World for EngineWorld {
             strips_world_m: strips,
             rgba: vec![0xCC33_11FF],
         });
+        if let Some(patient) = self.patient() {
+            let gut = patient.gut(time_s);
+            out.push(Primitive::Placement { path: "tract".into(), world_from_path: gut.world_from_frame });
+        }
     }
 }
 

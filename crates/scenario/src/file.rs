@@ -1,6 +1,6 @@
 //! The scenario file: one TOML that says what happens, what is installed, what is real, and who estimates.
 //!
-//! Tables: `[scenario]`, `[tract]`, `[capsule]`, `[motility]`, `[engine]`, `[truth]`, `[[sensor]]` (with `.schedule`,
+//! Tables: `[scenario]`, `[tract]`, `[capsule]`, `[motility]`, `[engine]`, `[patient]`, `[truth]`, `[[sensor]]` (with `.schedule`,
 //! `.installed`, `.reality`, `.files`), `[[track]]` (with `.filter`, `.prior`, `.sensor.<name>`), `[[controller]]` (with `.law`),
 //! `[[fault]]`, `[record]`, `[expect]`, `[[period]]`, `[layout]`.
 //! Every key has a default that makes sense, unknown keys are errors, and every error names file, line, key and what is
@@ -396,6 +396,8 @@ struct Outline {
     _motility: Option<IgnoredAny>,
     #[serde(rename = "engine")]
     _engine: Option<IgnoredAny>,
+    #[serde(rename = "patient")]
+    _patient: Option<IgnoredAny>,
     #[serde(rename = "truth")]
     _truth: Option<IgnoredAny>,
     #[serde(rename = "sensor")]

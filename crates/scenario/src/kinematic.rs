@@ -14,12 +14,16 @@
 //! velocity and rate are means over both sides, and the specific force is a spike of that width; between the rows of a
 //! recording it is that of a constant twist, without the acceleration that happened at the rows. A jump is no motion: it enters
 //! the position alone.
+//!
+//! A `[patient]` carries a path with the gut ([`crate::patient`]); derivatives are then those of the path, and the patient's in closed
+//! form. A motion model is drawn in the world, and no patient moves it.
 
 #![expect(clippy::disallowed_types, reason = "world side: kinematic truth")]
 
 use crate::error::ScenarioError;
 use crate::file::check_range;
 use crate::path::{AfterEnd, HalfCircles, Helix, Line, Path, Recorded};
+use crate::patient::{Jet, Patient, calibrated_frame, frame_of};
 use crate::world::{TruthHistory, World, WorldNote};
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::pose::{exp_so3, log_so3, renormalize};
@@ -31,6 +35,7 @@ use rand::RngExt as _;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// `[truth]` of a scenario with kinematic truth.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -125,6 +130,8 @@ const DIFFERENCE_S: f64 = 1e-4;
 /// Truth along a [`Path`]: exact at every instant, nothing to remember.
 struct PathWorld {
     path: Box<dyn Path>,
+    /// Carries the path with the gut.
+    patient: Option<Arc<Patient>>,
     now: SimTime,
 }
 
@@ -158,7 +165,15 @@ impl TruthView for PathWorld {
         let inside_s = at.seconds().min(end_s).max(begin_s);
         let mut pose = self.path.pose(inside_s);
         pose.translation.vector += self.path.jumped_m(at.seconds());
-        let [velocity, acceleration, rate] = self.derivatives(at.seconds());
+        let [mut velocity, mut acceleration, mut rate] = self.derivatives(at.seconds());
+        if let Some(patient) = &self.patient {
+            let gut = patient.gut(at.seconds());
+            let point = Jet { value: pose.translation.vector, rate: velocity, acceleration };
+            velocity = gut.velocity_world(&point.value, &velocity);
+            acceleration = gut.acceleration_world(&point);
+            rate += pose.rotation.inverse() * gut.rate_frame_rad_s;
+            pose = gut.world_from_frame * pose;
+        }
         CapsuleTruth {
             at,
             world_from_capsule: pose,
@@ -171,8 +186,12 @@ impl TruthView for PathWorld {
         }
     }
 
-    fn frame(&self, name: &str, _at: SimTime) -> Option<Isometry3<f64>> {
-        (name == "torso").then(Isometry3::identity)
+    fn frame(&self, name: &str, at: SimTime) -> Option<Isometry3<f64>> {
+        frame_of(self.patient.as_deref(), name, at.seconds())
+    }
+
+    fn told_frame(&self, name: &str, at: SimTime) -> Option<Isometry3<f64>> {
+        self.frame(calibrated_frame(name), at)
     }
 }
 
@@ -194,11 +213,20 @@ impl World for PathWorld {
 
     fn static_scene(&self, out: &mut Vec<Primitive>) {
         let strip = self.path.outline().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
+        // A patient who moves carries the path: its placement stands above it.
+        let path = if self.patient.is_some() { "planned_path/line" } else { "planned_path" };
         out.push(Primitive::Lines {
-            path: "planned_path".into(),
+            path: path.into(),
             strips_world_m: vec![strip],
             rgba: vec![0xBBBB_BBFF],
         });
+    }
+
+    fn moving_scene(&self, out: &mut Vec<Primitive>) {
+        if let Some(patient) = &self.patient {
+            let world_from_path = patient.gut(self.now.seconds()).world_from_frame;
+            out.push(Primitive::Placement { path: "planned_path".into(), world_from_path });
+        }
     }
 }
 
@@ -251,8 +279,8 @@ impl TruthView for DrawnWorld {
         self.history.at(at).unwrap_or_else(|| self.state.clone())
     }
 
-    fn frame(&self, name: &str, _at: SimTime) -> Option<Isometry3<f64>> {
-        (name == "torso").then(Isometry3::identity)
+    fn frame(&self, name: &str, at: SimTime) -> Option<Isometry3<f64>> {
+        frame_of(None, name, at.seconds())
     }
 }
 
@@ -291,6 +319,7 @@ pub fn build(
     table: &TruthTable,
     node: &Node,
     scenario: (&Node, Option<f64>),
+    patient: Option<Arc<Patient>>,
     streams: &RandomStreams,
 ) -> Result<Box<dyn World>, ScenarioError> {
     let (path, after_end): (Box<dyn Path>, AfterEnd) = match table {
@@ -321,13 +350,17 @@ pub fn build(
         }
         TruthTable::MotionModel { step_ms, .. } => {
             check_range(node, "step_ms", step_ms.0, 0.1, 1e6)?;
+            if patient.is_some() {
+                let message = "a motion model is drawn in the world, where no [patient] carries it; allowed with one: `helix`, `three-half-circles`, `line`, `tum`, or a [tract]";
+                return Err(node.error_at("kind", message).into());
+            }
             return Ok(Box::new(drawn(table, streams)));
         }
     };
     if after_end == AfterEnd::Refuse {
         check_end(&*path, node, scenario)?;
     }
-    Ok(Box::new(PathWorld { path, now: SimTime::ZERO }))
+    Ok(Box::new(PathWorld { path, patient, now: SimTime::ZERO }))
 }
 
 /// Refuses a scenario that outlasts its path, or begins before it.

@@ -1,7 +1,8 @@
 //! Scenarios: the file that says what happens, and the worlds that make it true.
 //!
 //! [`mod@file`] reads a scenario strictly. A [`World`] is stepped and asked for the truth: [`kinematic`] worlds
-//! follow a path, a recording or a motion model; the [`engine`] moves a capsule through a living tract by forces.
+//! follow a path, a recording or a motion model; the [`engine`] moves a capsule through a living tract by forces. The [`patient`] around
+//! either breathes, turns, coughs, walks and is moved.
 
 mod build;
 pub mod engine;
@@ -10,6 +11,7 @@ pub mod error;
 pub mod file;
 pub mod kinematic;
 pub mod path;
+pub mod patient;
 mod wave_notes;
 pub mod world;
 

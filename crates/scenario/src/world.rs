@@ -31,10 +31,10 @@ pub trait World: Send {
     /// Notes since the last call.
     fn take_notes(&mut self) -> Vec<WorldNote>;
 
-    /// What does not move: tract, body.
+    /// What does not move, or moves as a whole: tract, body.
     fn static_scene(&self, out: &mut Vec<Primitive>);
 
-    /// What moves besides the capsule: contractions of the wall.
+    /// What moves besides the capsule: contractions of the wall, and where a patient who moves has carried what stands still in it.
     fn moving_scene(&self, _out: &mut Vec<Primitive>) {}
 }
 

@@ -12,11 +12,12 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 24] = [
+const SHIPPED: [(&str, &str); 25] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
     ("colon-pet-bed", include_str!("../../../../scenarios/colon-pet-bed.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
     ("colon-pet", include_str!("../../../../scenarios/colon-pet.toml")),
+    ("cough-and-turn", include_str!("../../../../scenarios/cough-and-turn.toml")),
     ("helix-magnetic", include_str!("../../../../scenarios/helix-magnetic.toml")),
     ("helix-pet", include_str!("../../../../scenarios/helix-pet.toml")),
     ("layout/belt-helix", include_str!("../../../../scenarios/layout/belt-helix.toml")),

@@ -26,7 +26,8 @@ pub struct InstalledTable {
     pub quantization: bool,
     /// Noise of one reading of one axis, T; absent: the array's.
     pub noise_tesla: Option<Positive>,
-    /// Name of the moving frame the array is fixed to (`torso`); absent: the room.
+    /// Name of the moving frame the array is fixed to: `torso`, or `abdomen`, where each breath lifts it and estimators are told the place
+    /// of the torso; absent: the room.
     pub worn_on: Option<String>,
 }
 

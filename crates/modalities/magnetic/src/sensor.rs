@@ -193,11 +193,14 @@ impl Sensor for MagneticSensor {
             None => self.draw_flaws(random),
         };
         let worn = self.installed.table.worn_on.as_deref();
-        let world_from_array = match worn {
-            Some(frame) => truth.frame(frame, at).ok_or_else(|| {
-                ModalityError::Reading(format!("the scenario has no moving frame `{frame}`"))
-            })?,
-            None => Isometry3::identity(),
+        let known = |pose: Option<Isometry3<f64>>, frame: &str| {
+            pose.ok_or_else(|| ModalityError::Reading(format!("the scenario has no moving frame `{frame}`")))
+        };
+        let [world_from_array, told] = match worn {
+            Some(frame) => {
+                [known(truth.frame(frame, at), frame)?, known(truth.told_frame(frame, at), frame)?]
+            }
+            None => [Isometry3::identity(); 2],
         };
         let capsule = truth.capsule(at).world_from_capsule;
         let magnet = MagnetPose::of_capsule(&capsule, &self.installed.magnet.offset_capsule_m);
@@ -219,7 +222,7 @@ impl Sensor for MagneticSensor {
         }
         let mut known_poses = BTreeMap::new();
         if worn.is_some() {
-            known_poses.insert("array".to_owned(), world_from_array);
+            known_poses.insert("array".to_owned(), told);
         }
         let reading = Reading {
             sensor: self.name.clone(),

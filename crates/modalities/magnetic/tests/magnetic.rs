@@ -18,4 +18,6 @@ mod magnetic {
     /// Maximum likelihood: right basin, efficient.
     mod solver;
     mod support;
+    /// Arrays on a patient who moves, and arrays of the room.
+    mod worn;
 }

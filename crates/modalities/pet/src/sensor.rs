@@ -8,6 +8,9 @@
 //! The world is the patient's. Where a bed moves the patient through the scanner ([`Sensor::command`]), decays and body are simulated in
 //! the scanner's frame, and the lines are handed over in the patient's, each moved back by where the bed's encoder says the scanner
 //! stood at its instant: the estimates are compensated before they are made. Within a window the body stands where it is in the middle.
+//!
+//! A patient who moves in the room (frame `torso`) carries the body along; one who turns is refused where there is a body, which the
+//! simulation shifts and does not turn.
 
 #![expect(clippy::disallowed_types, reason = "world side: a sensor observes the truth")]
 
@@ -126,6 +129,25 @@ impl PetSensor {
             .collect()
     }
 
+    /// Where the patient has carried the body, m; `None` without a body, or where no patient moves.
+    fn torso_m(&self, truth: &dyn TruthView, at: SimTime) -> Result<Option<Vector3<f64>>, ModalityError> {
+        let unsupported = |what| Err(ModalityError::Unsupported { kind: "pet", what });
+        let torso = truth.frame("torso", at).filter(|_| self.installed.phantom.is_some());
+        let Some(torso) = torso else { return Ok(None) };
+        if torso.rotation.angle() > 1e-9 {
+            return unsupported(
+                "simulates no body that turns; allowed with a `phantom`: a [patient] who lies supine, without `posture` events",
+            );
+        }
+        let moved_m = torso.translation.vector;
+        if moved_m != Vector3::zeros() && self.reality.mode == Mode::Tabulated {
+            return unsupported(
+                "carries no body along in mode `tabulated`, whose tables hold one place of it; allowed: `analog`, `forced`",
+            );
+        }
+        Ok(Some(moved_m))
+    }
+
     fn simulator(&mut self, random: &RandomStreams) -> Result<&mut Simulator, ModalityError> {
         if self.simulator.is_none() {
             let settings = Settings {
@@ -201,9 +223,11 @@ impl Sensor for PetSensor {
         let rail = self.rail.take();
         let scanner_z_m = |t_s: f64| rail.as_ref().map_or(0.0, |rail| rail.z_m(t_s));
         let motion = |t_s: f64| Translation3::new(0.0, 0.0, -scanner_z_m(t_s)) * path.at(t_s);
+        let torso_m = self.torso_m(truth, start + self.window_ns / 2)?;
         let simulator = self.simulator(random)?;
-        if rail.is_some() {
-            simulator.move_body(Vector3::new(0.0, 0.0, -scanner_z_m(start_s + 0.5 * length_s)));
+        if rail.is_some() || torso_m.is_some() {
+            let scanner_m = Vector3::new(0.0, 0.0, scanner_z_m(start_s + 0.5 * length_s));
+            simulator.move_body(torso_m.unwrap_or_default() - scanner_m);
         }
         simulator.window(&motion, start_s, length_s, random, sequence, &mut lines);
         for line in &mut lines {

@@ -287,3 +287,57 @@ fn law_a_start_from_more_windows_than_are_kept_is_refused() {
     let message = refused("pet-scalene", INSTALLED, "front_end = \"lines\"\nstart_windows = 9");
     assert!(message.contains("start_windows") && message.contains("1 to 8"), "{message}");
 }
+
+/// The capsule of [`Moving`] in a patient whom somebody has carried and turned.
+struct Carried(Isometry3<f64>);
+
+impl TruthView for Carried {
+    fn interval(&self) -> Range<SimTime> {
+        Moving.interval()
+    }
+
+    fn capsule(&self, at: SimTime) -> CapsuleTruth {
+        Moving.capsule(at)
+    }
+
+    fn frame(&self, name: &str, _at: SimTime) -> Option<Isometry3<f64>> {
+        (name == "torso").then_some(self.0)
+    }
+}
+
+#[test]
+fn law_a_patient_carries_the_body_and_must_not_turn_it() {
+    let lines = |installed: &str, mode: &str, torso: Isometry3<f64>| {
+        let reality = node(&format!("mode = \"{mode}\""));
+        let mut sensor = Pet::default()
+            .sensor(&node(installed), &reality, &setup("pet-scalene"))
+            .map_err(|e| e.to_string())?;
+        let streams = RandomStreams::new(7, 0, "scanner");
+        let mut count = 0;
+        for _ in 0..10 {
+            let at = sensor.next_due();
+            let seen = sensor.observe(&Carried(torso), at, &streams).map_err(|e| e.to_string())?;
+            count += seen.unwrap().reading.payload.rows();
+        }
+        Ok::<usize, String>(count)
+    };
+    let air = "scanner = \"reduced\"\n";
+    let away = Isometry3::translation(3.0, 0.0, 0.0);
+    let [here, gone, nothing] = [(INSTALLED, Isometry3::identity()), (INSTALLED, away), (air, away)]
+        .map(|(i, t)| lines(i, "forced", t).unwrap());
+    println!(
+        "figure: {here} lines through the body, {gone} with the body carried away, {nothing} without one"
+    );
+    // 20 cm of water hold back most of the pairs.
+    assert!(3 * here < gone, "{here} {gone}");
+    assert!((gone as f64 / nothing as f64 - 1.0).abs() < 0.1, "{gone} {nothing}");
+    let turned = Isometry3::rotation(Vector3::z() * 0.1);
+    let message = lines(INSTALLED, "forced", turned).unwrap_err();
+    assert!(message.contains("no body that turns; allowed with a `phantom`"), "{message}");
+    lines(air, "forced", turned).unwrap();
+    let message = lines(INSTALLED, "tabulated", away).unwrap_err();
+    assert!(
+        message.contains("mode `tabulated`") && message.contains("allowed: `analog`, `forced`"),
+        "{message}"
+    );
+}

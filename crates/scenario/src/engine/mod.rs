@@ -14,20 +14,29 @@
 //! F_drag  = -(6π η r + ½ ρ C_d π r² |v|) v        (in fluid; the torque by strips along the capsule)
 //! ```
 //!
-//! Frames: the tract lies in the torso frame; `world_from_torso` is fixed. Forces, velocities and poses given out are in the
-//! world frame unless their name says else.
+//! Frames: the tract stands still in the gut's frame, in which the engine steps; the torso's and the world's are the same without a
+//! [`Patient`]. With one, the gut moves in the torso and the torso in the world ([`crate::patient`]), and
+//! the capsule feels, where it is (the terms at the head of [`crate::patient::FrameMotion`]'s file),
+//!
+//! ```text
+//! (m - ρ V) (Rᵀ (g - o'') - ω×(ω×x) - ω'×x) - 2 m ω×v
+//! ```
+//!
+//! taken in the middle of the step. Forces, velocities and poses given out are in the world frame unless their name says else.
 //!
 //! Time is the number of steps: step n is at `n / step_rate_hz`, to the nanosecond, however long the exam.
 //!
 //! Determinism: one thread, no clock, no random numbers but those of the motility's named streams. A snapshot holds the
 //! capsule's exact state; the motility is a pure function of time.
 //!
-//! Neglected: added mass of the fluid, lift, the flow of the contents, the wall's own inertia, motion of the torso.
+//! Neglected: added mass of the fluid, lift, the flow of the contents, the wall's own inertia, and of a moving patient the torque that
+//! turns the capsule with the gut.
 
 mod bends;
 mod body;
 mod config;
 mod events;
+mod felt;
 mod foot;
 mod fuzz;
 mod settle;
@@ -44,6 +53,7 @@ pub use events::{EngineEvent, EventKind};
 pub use fuzz::{FuzzReport, TOLERANCE_M, fuzz_inside_lumen};
 pub use settle::Settled;
 
+use crate::patient::{Felt, Patient};
 use body::Body;
 use config::check;
 use events::Watch;
@@ -157,15 +167,16 @@ pub struct Engine {
     contacts: WallContacts,
     caps: [Option<Cap>; 2],
     valve: Option<Valve>,
-    gravity_torso_m_s2: Vector3<f64>,
-    world_from_torso: Isometry3<f64>,
+    /// Without a patient: the torso's axes are the world's.
+    gravity_world_m_s2: Vector3<f64>,
+    patient: Option<Arc<Patient>>,
     dry: Vec<bool>,
     step_s: f64,
     step_index: u64,
     station: Station,
     offset_m: f64,
     segment_index: usize,
-    wrench_torso: [Vector3<f64>; 2],
+    wrench_world: [Vector3<f64>; 2],
     specific_force_capsule_m_s2: Vector3<f64>,
     wall_force_n: f64,
     touching: usize,
@@ -207,15 +218,15 @@ impl Engine {
             contacts: WallContacts::new(Rings::of(&capsule), &tract),
             caps: caps(&tract),
             valve: Valve::of(&tract),
-            gravity_torso_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
-            world_from_torso: Isometry3::identity(),
+            gravity_world_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
+            patient: None,
             dry,
             step_s,
             step_index: 0,
             station,
             offset_m: 0.0,
             segment_index,
-            wrench_torso: [Vector3::zeros(); 2],
+            wrench_world: [Vector3::zeros(); 2],
             specific_force_capsule_m_s2: Vector3::zeros(),
             wall_force_n: 0.0,
             touching: 0,
@@ -243,17 +254,16 @@ impl Engine {
 
     /// Force (N) and torque about the capsule's centre (N m), world frame, from now on until the next call.
     pub fn apply_wrench(&mut self, force_world_n: &Vector3<f64>, torque_world_n_m: &Vector3<f64>) {
-        let turn = self.world_from_torso.rotation.inverse();
-        let wrench = [turn * force_world_n, turn * torque_world_n_m];
-        if wrench != self.wrench_torso {
-            (self.wrench_torso, self.sleep) = (wrench, Sleep::AWAKE);
+        let wrench = [*force_world_n, *torque_world_n_m];
+        if wrench != self.wrench_world {
+            (self.wrench_world, self.sleep) = (wrench, Sleep::AWAKE);
         }
     }
 
-    /// Gravity in the torso frame from now on, m/s².
+    /// Gravity in the torso frame from now on, m/s². With a patient it is that of the room: in the torso as it lies supine.
     pub fn set_gravity_torso(&mut self, gravity_torso_m_s2: &Vector3<f64>) {
-        if *gravity_torso_m_s2 != self.gravity_torso_m_s2 {
-            (self.gravity_torso_m_s2, self.sleep) = (*gravity_torso_m_s2, Sleep::AWAKE);
+        if *gravity_torso_m_s2 != self.gravity_world_m_s2 {
+            (self.gravity_world_m_s2, self.sleep) = (*gravity_torso_m_s2, Sleep::AWAKE);
         }
     }
 
@@ -271,11 +281,6 @@ impl Engine {
     /// The lumen at the present time.
     pub fn lumen(&self) -> &Lumen {
         &self.lumen
-    }
-
-    /// Pose of the torso in the world.
-    pub fn world_from_torso(&self) -> &Isometry3<f64> {
-        &self.world_from_torso
     }
 
     /// What happened during the last [`Engine::step`] or [`Engine::advance_to`].
@@ -310,21 +315,25 @@ impl Engine {
             return;
         }
         if !self.sleeps_through(time_s) {
-            self.step_at(time_s);
+            self.step_at(time_s, self.step_s);
             self.doze(time_s);
         }
         self.look();
     }
 
-    /// Moves the capsule by one step, with the wall as it is at `time_s`.
-    fn step_at(&mut self, time_s: f64) {
+    /// Moves the capsule by one step, with the wall as it is at `time_s` and the patient as in the `clock_s` from then on (0: the clock
+    /// stands still).
+    fn step_at(&mut self, time_s: f64, clock_s: f64) {
         let twist = self.body.twist();
         let pose = self.body.pose();
         let axis = pose.rotation * Vector3::x();
         self.lumen.focus_on(self.station.arc_length_m, self.contacts.rings().reach_m(), time_s);
-        let (system, force) = self.forces(&axis, &twist);
+        let centre_m = pose.translation.vector;
+        let felt = self.felt_at(time_s + 0.5 * clock_s, &centre_m, &twist.linear);
+        let wrench = self.wrench_gut(time_s);
+        let (system, force) = self.forces(&axis, &twist, &felt, &wrench);
         let placement = Placement {
-            centre_m: Point3::from(pose.translation.vector),
+            centre_m: Point3::from(centre_m),
             axis,
             station: self.station,
             free_way_m: self.free_way_m(&twist, &force),
@@ -333,7 +342,7 @@ impl Engine {
         let reaction = self.contacts.solve(&system, &twist, friction, &self.config, self.step_s);
         self.body.set_twist(&reaction.twist);
         self.body.step();
-        self.take_state(&twist, &reaction);
+        self.take_state(&twist, &reaction, time_s + clock_s);
     }
 
     fn find_contacts(&mut self, placement: &Placement) -> f64 {
@@ -351,7 +360,13 @@ impl Engine {
     }
 
     /// Everything but the wall; with the force (N) that does not depend on the velocities.
-    fn forces(&self, axis: &Vector3<f64>, twist: &Twist) -> (System, Vector3<f64>) {
+    fn forces(
+        &self,
+        axis: &Vector3<f64>,
+        twist: &Twist,
+        felt: &Felt,
+        [force, torque]: &[Vector3<f64>; 2],
+    ) -> (System, Vector3<f64>) {
         let inertia = &self.body.inertia;
         let mut system =
             System::new(inertia.mass_kg, inertia.axial_kg_m2, inertia.transverse_kg_m2, axis, twist);
@@ -377,17 +392,21 @@ impl Engine {
             // Evenly along the cylinder: a turn moves its parts by ω x.
             system.add_damping(self.step_s * viscous, self.step_s * viscous * half_m * half_m / 3.0);
         }
-        let [force, torque] = &self.wrench_torso;
-        let force = force + self.gravity_torso_m_s2 * weight_kg;
+        let mut force = force + felt.gravity_m_s2 * weight_kg;
+        if self.patient.is_some() {
+            force += felt.coriolis_m_s2 * inertia.mass_kg;
+        }
         system.add_impulse(&(force * self.step_s), &(torque * self.step_s));
         (system, force)
     }
 
-    fn take_state(&mut self, before: &Twist, reaction: &Reaction) {
+    fn take_state(&mut self, before: &Twist, reaction: &Reaction, time_s: f64) {
         let pose = self.body.pose();
         let after = self.body.twist();
         let acceleration = (after.linear - before.linear) / self.step_s;
-        self.specific_force_capsule_m_s2 = pose.rotation.inverse() * (acceleration - self.gravity_torso_m_s2);
+        // As felt where and when the step ended, for that is the state's instant.
+        let felt = self.felt_at(time_s, &pose.translation.vector, &after.linear);
+        self.specific_force_capsule_m_s2 = pose.rotation.inverse() * (acceleration - self.felt_total(&felt));
         self.wall_force_n = reaction.force_world_n.norm_squared().sqrt();
         self.touching = reaction.touching;
         let centre = Point3::from(pose.translation.vector);
@@ -404,7 +423,7 @@ impl Engine {
         }
         self.left = self.is_outside(&centre);
         if self.left {
-            self.rest(&pose);
+            self.rest(time_s);
         }
     }
 
@@ -420,10 +439,10 @@ impl Engine {
         self.watch.look(&seen, &self.tract, &self.config, &mut self.events);
     }
 
-    /// What has left rests: outside there is nothing that this engine could follow it through.
-    fn rest(&mut self, pose: &Isometry3<f64>) {
+    /// What has left rests where the tract ends: outside there is nothing that this engine could follow it through.
+    fn rest(&mut self, time_s: f64) {
         self.body.set_twist(&Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
-        self.specific_force_capsule_m_s2 = pose.rotation.inverse() * -self.gravity_torso_m_s2;
+        self.specific_force_capsule_m_s2 = self.specific_force_at_rest(time_s);
         self.wall_force_n = 0.0;
         self.touching = 0;
     }
@@ -451,25 +470,6 @@ impl Engine {
         let beyond = (centre - self.station.position_m).dot(&self.station.tangent);
         (self.caps[0].is_none() && s <= 0.0 && beyond < 0.0)
             || (self.caps[1].is_none() && s >= length_m && beyond > 0.0)
-    }
-
-    /// The capsule's state now.
-    pub fn state(&self) -> EngineState {
-        let pose = self.body.pose();
-        let twist = self.body.twist();
-        EngineState {
-            at: self.time(),
-            world_from_capsule: self.world_from_torso * pose,
-            velocity_world_m_s: self.world_from_torso.rotation * twist.linear,
-            angular_rate_capsule_rad_s: pose.rotation.inverse() * twist.angular,
-            specific_force_capsule_m_s2: self.specific_force_capsule_m_s2,
-            arc_length_m: self.station.arc_length_m,
-            offset_m: self.offset_m,
-            segment: self.tract.segments[self.segment_index].key,
-            wall_force_n: self.wall_force_n,
-            contact: self.touching > 0,
-            left: self.left,
-        }
     }
 }
 

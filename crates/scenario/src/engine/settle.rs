@@ -84,7 +84,7 @@ impl Engine {
         let (most, wanted) = (steps_of(within_s), steps_of(RESTING_FOR_S));
         let (mut resting, mut trembling) = (0, 0);
         for step in 1..=most {
-            self.step_at(0.0);
+            self.step_at(0.0, 0.0);
             if let Some(plane) = held {
                 self.hold_in(plane);
             }

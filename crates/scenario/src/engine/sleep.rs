@@ -2,10 +2,11 @@
 //!
 //! In phase I of the small bowel nothing contracts for three quarters of an hour. A capsule whose surface has moved slower than
 //! [`SLEEPING_M_S`] for [`SLEEPY_FOR_S`] is put to rest (no velocity) and left there until a wave comes within reach
-//! ([`lumenav_anatomy::lumen::Lumen::still_until_s`]), gravity turns or the wrench changes. What this leaves out is the creep of the
+//! ([`lumenav_anatomy::lumen::Lumen::still_until_s`]), the patient moves the gut ([`crate::patient::Patient::still_until_s`]; with
+//! every breath), gravity turns or the wrench changes. What this leaves out is the creep of the
 //! regularised friction, microns per second at most, which no real friction has.
 //!
-//! Waking depends on the motility and the capsule's place alone, so that steps and jumps end in the same bits.
+//! Waking depends on the motility, the patient and the capsule's place alone, so that steps and jumps end in the same bits.
 
 use super::Engine;
 use super::system::Twist;
@@ -16,6 +17,9 @@ use nalgebra::Vector3;
 const SLEEPING_M_S: f64 = 1e-5;
 /// For so long, s.
 const SLEEPY_FOR_S: f64 = 1.0;
+
+/// Number of a step that no exam reaches (a million years).
+const LAST_STEP: f64 = 1e15;
 
 /// Whether the capsule sleeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,13 +44,18 @@ impl Engine {
         if self.sleep.rested_steps as f64 * self.step_s < SLEEPY_FOR_S {
             return;
         }
-        let until_s = self.lumen.still_until_s(self.station.arc_length_m, self.contacts.rings().reach_m());
+        let until_s = self.still_until_s(time_s);
         if until_s > time_s {
             self.sleep.until_s = Some(until_s);
             self.body.set_twist(&Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
-            let pose = self.body.pose();
-            self.specific_force_capsule_m_s2 = pose.rotation.inverse() * -self.gravity_torso_m_s2;
+            self.specific_force_capsule_m_s2 = self.specific_force_at_rest(time_s);
         }
+    }
+
+    /// Until when neither the wall within reach nor the patient moves, s.
+    fn still_until_s(&self, time_s: f64) -> f64 {
+        let wall = self.lumen.still_until_s(self.station.arc_length_m, self.contacts.rings().reach_m());
+        wall.min(self.patient_still_until_s(time_s))
     }
 
     /// Whether the step that starts at `time_s` is slept through; wakes where the wall is about to move.
@@ -56,7 +65,7 @@ impl Engine {
         if time_s < until_s {
             return true;
         }
-        let until_s = self.lumen.still_until_s(self.station.arc_length_m, self.contacts.rings().reach_m());
+        let until_s = self.still_until_s(time_s);
         self.sleep.until_s = (until_s > time_s).then_some(until_s);
         if self.sleep.until_s.is_none() {
             self.sleep = Sleep::AWAKE;
@@ -78,7 +87,9 @@ impl Engine {
 
     /// Index of the first step that starts at `time_s` or later.
     fn first_step_at(&self, time_s: f64) -> u64 {
-        if !time_s.is_finite() {
+        // Beyond this a step is no longer told from the next, and counting on would never end: a snapshot writes "for ever" as the
+        // largest number.
+        if time_s.is_nan() || time_s / self.step_s > LAST_STEP {
             return u64::MAX;
         }
         let mut index = (time_s / self.step_s).max(0.0) as u64;

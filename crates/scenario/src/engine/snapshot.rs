@@ -2,7 +2,7 @@
 //!
 //! Little-endian: magic `LNVE`, version (u32), a fingerprint of configuration, capsule and tract (u64), then the state in the
 //! order of [`Engine::snapshot`]. The motility is not in it: it is a pure function of time, and is replayed on restoring
-//! (0.1 s for eight hours). A snapshot belongs to an engine built from the same scenario; the fingerprint tells others.
+//! (0.1 s for eight hours). Neither is the patient, another pure function of time. A snapshot belongs to an engine built from the same scenario; the fingerprint tells others.
 
 use super::sleep::Sleep;
 use super::system::Twist;
@@ -83,8 +83,8 @@ impl Engine {
         }
         out.vector(&twist.linear);
         out.vector(&twist.angular);
-        out.vector(&self.gravity_torso_m_s2);
-        for w in &self.wrench_torso {
+        out.vector(&self.gravity_world_m_s2);
+        for w in &self.wrench_world {
             out.vector(w);
         }
         out.number(self.station.arc_length_m);
@@ -134,8 +134,8 @@ impl Engine {
         // Not normalised: the bits are the state.
         let pose = Isometry3::from_parts(translation, UnitQuaternion::new_unchecked(quaternion));
         let twist = Twist { linear: from.vector()?, angular: from.vector()? };
-        let gravity_torso_m_s2 = from.vector()?;
-        let wrench_torso = [from.vector()?, from.vector()?];
+        let gravity_world_m_s2 = from.vector()?;
+        let wrench_world = [from.vector()?, from.vector()?];
         let (arc_length_m, offset_m) = (from.number()?, from.number()?);
         let specific_force_capsule_m_s2 = from.vector()?;
         let wall_force_n = from.number()?;
@@ -160,8 +160,8 @@ impl Engine {
         self.step_index = step_index;
         self.body.set_pose(&pose);
         self.body.set_twist(&twist);
-        self.gravity_torso_m_s2 = gravity_torso_m_s2;
-        self.wrench_torso = wrench_torso;
+        self.gravity_world_m_s2 = gravity_world_m_s2;
+        self.wrench_world = wrench_world;
         self.station = self.tract.centre_line.station(arc_length_m);
         self.offset_m = offset_m;
         self.specific_force_capsule_m_s2 = specific_force_capsule_m_s2;
@@ -176,13 +176,16 @@ impl Engine {
         Ok(())
     }
 
-    /// FNV-1a over what the engine was built from: configuration, capsule, tract, motility and obstacles, each in full.
+    /// FNV-1a over what the engine was built from: configuration, capsule, tract, motility, patient and obstacles, each in full.
     fn fingerprint(&self) -> u64 {
         let constant = self.fingerprint.get_or_init(|| {
             let mut hash = Fnv::default();
             hash.add(&format_args!("{:?}{:?}", self.config, self.capsule));
             hash.add(&format_args!("{:?}", self.tract));
             hash.add(&format_args!("{}", self.lumen.motility().fingerprint_text()));
+            if let Some(patient) = &self.patient {
+                hash.add(&format_args!("{}", patient.fingerprint_text()));
+            }
             hash.0
         });
         let mut hash = Fnv(*constant);

@@ -9,7 +9,7 @@ fn published_helix_meets_its_ends_and_speeds() {
     let (start, end) = (helix.pose(0.0).translation.vector, helix.pose(36.0).translation.vector);
     assert!((start - Vector3::new(-0.057, 0.0, -0.045)).norm() < 1e-12);
     assert!((end - Vector3::new(0.057, 0.0, 0.045)).norm() < 1e-12);
-    let world = PathWorld { path: Box::new(helix), now: SimTime::ZERO };
+    let world = PathWorld { path: Box::new(helix), patient: None, now: SimTime::ZERO };
     let truth = world.capsule(SimTime::from_seconds(10.0));
     let v = truth.velocity_world_m_s;
     assert!((v.z - 0.0025).abs() < 1e-9);
@@ -21,7 +21,11 @@ fn published_helix_meets_its_ends_and_speeds() {
 
 #[test]
 fn law_rate_and_specific_force_are_derivatives_of_the_pose() {
-    let world = PathWorld { path: Box::new(Helix { speed_factor: 8.0, jump: None }), now: SimTime::ZERO };
+    let world = PathWorld {
+        path: Box::new(Helix { speed_factor: 8.0, jump: None }),
+        patient: None,
+        now: SimTime::ZERO,
+    };
     let (a, b) = (SimTime::from_seconds(2.0), SimTime::from_seconds(2.001));
     let (ta, tb) = (world.capsule(a), world.capsule(b));
     let turned = ta.world_from_capsule.rotation * exp_so3(&(ta.angular_rate_capsule_rad_s * 1e-3));
@@ -37,7 +41,7 @@ fn world(text: &str) -> Result<Box<dyn World>, ScenarioError> {
     let node = Node::parse_text(text, "s.toml", folder, &[])?;
     let (scenario, truth) = (node.child_or_empty("scenario"), node.child_or_empty("truth"));
     let duration_s = scenario.to_toml().and_then(|t| t.get("duration_s").and_then(toml::Value::as_float));
-    build(&truth.parse()?, &truth, (&scenario, duration_s), &RandomStreams::new(1, 0, COMPONENT))
+    build(&truth.parse()?, &truth, (&scenario, duration_s), None, &RandomStreams::new(1, 0, COMPONENT))
 }
 
 fn refusal(text: &str) -> String {
