@@ -1,10 +1,24 @@
 //! A living gut: the Shows lines that there are so far.
 
 use crate::row::{Outcome, Sheet};
-use crate::tools::{lumenav, run};
+use crate::tools::{lumenav, root, run};
+use lumenav::anatomy::generator::{BodySize, WholeGutRequest, whole_gut};
+use lumenav::anatomy::motility::Motility;
+use lumenav::anatomy::motility_config::MotilityConfig;
+use lumenav::anatomy::tract::Tract;
+use lumenav::anatomy::tract_file::{self, TractOptions};
+use lumenav::core::{CapsuleBody, Node, RandomStreams};
+use lumenav::scenario::engine::{EngineConfig, FuzzReport, fuzz_inside_lumen};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
+
+/// Fuzzed runs of half an hour, over the shipped guts in turn.
+const FUZZED: u64 = 200;
+const FUZZED_S: f64 = 1800.0;
+/// Seeds of generated guts, sizes in turn.
+const GENERATED: u64 = 1000;
 
 /// What of a reproduction's table is read here.
 #[derive(Deserialize)]
@@ -39,6 +53,84 @@ pub fn rows(sheet: &mut Sheet) {
         let command = format!("reproduce {id} --json");
         sheet.row(&format!("1 {id}"), &command, ask, || reproduction(&id, scratch.path()));
     }
+    sheet.row(
+        "3 fuzzed runs",
+        "in this program: 200 runs of 30 min spread over the shipped guts, each with motility of its own",
+        "inside the lumen (3 mm), all finite, no stall that is not an event",
+        fuzzed,
+    );
+    sheet.row(
+        "4 generated tracts",
+        "in this program: whole guts of seeds 1000 to 1999, three sizes in turn",
+        "no overlap over 1,000 seeds, or the seed refused with the reason",
+        generated,
+    );
+}
+
+/// What `of` makes of the numbers below `count`, on two threads.
+fn on_two_threads<T: Send>(
+    count: u64,
+    of: impl Fn(u64) -> Result<T, String> + Sync,
+) -> Result<Vec<T>, String> {
+    let half = |first: u64| (first..count).step_by(2).map(&of).collect::<Result<Vec<T>, String>>();
+    let (even, odd) = std::thread::scope(|scope| {
+        let other = scope.spawn(|| half(1));
+        (half(0), other.join())
+    });
+    let mut all = even?;
+    all.extend(odd.map_err(|_| "a thread stopped".to_owned())??);
+    Ok(all)
+}
+
+fn shipped(size: BodySize) -> Result<Arc<Tract>, String> {
+    let path = root().join(format!("models/tracts/whole-gut-{}.toml", size.as_str()));
+    let all = TractOptions { segments: Vec::new(), length_scale: 1.0, radius_scale: 1.0 };
+    let node = Node::open(&path).map_err(|e| e.to_string())?;
+    Ok(Arc::new(tract_file::load(&node, &all).map_err(|e| e.to_string())?.0))
+}
+
+fn fuzzed() -> Outcome {
+    let tracts = BodySize::ALL.map(shipped).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let capsule = CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.0033 };
+    let reports = on_two_threads(FUZZED, |seed| {
+        let tract = &tracts[(seed % 3) as usize];
+        // The shipped guts are of the kinds that the default motility knows.
+        let make = |streams: &RandomStreams| {
+            Motility::new(&MotilityConfig::default(), tract, streams).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let config = EngineConfig::default();
+        fuzz_inside_lumen(seed..seed + 1, FUZZED_S, &config, tract, capsule, make).map_err(|e| e.to_string())
+    })?;
+    let all = reports.iter().skip(1).fold(reports[0], FuzzReport::and);
+    let FuzzReport {
+        runs, steps, worst_excess_m, worst_seed, not_finite, stalls, untold_stalls, left, ..
+    } = all;
+    let figure = format!(
+        "{runs} runs, {steps} steps, {:.3} mm into the wall at most (seed {worst_seed}), {not_finite} not finite, {stalls} stalls told, \
+         {untold_stalls} not, {left} left the tract",
+        1e3 * worst_excess_m
+    );
+    Ok((figure, all.inside() && untold_stalls == 0))
+}
+
+fn generated() -> Outcome {
+    let made = on_two_threads(GENERATED, |k| {
+        let size = BodySize::ALL[(k % 3) as usize];
+        let seed = 1000 + k;
+        Ok(match whole_gut(&WholeGutRequest::new(size), &RandomStreams::new(seed, 0, "whole-gut")) {
+            Ok(generated) => Ok(generated.report.overlaps.len()),
+            Err(error) => Err(format!("{} {seed}: {error}", size.as_str())),
+        })
+    })?;
+    let overlaps: usize = made.iter().filter_map(|one| one.as_ref().ok()).sum();
+    let refused: Vec<&str> = made.iter().filter_map(|one| one.as_ref().err().map(String::as_str)).collect();
+    let figure = format!(
+        "{} made, {overlaps} overlaps, {} refused: {}",
+        made.len() - refused.len(),
+        refused.len(),
+        refused.join("; ")
+    );
+    Ok((figure, overlaps == 0))
 }
 
 /// Every row in words; passes where each that has a published number is met.

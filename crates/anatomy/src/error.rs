@@ -87,6 +87,14 @@ pub enum AnatomyError {
         /// What is wrong with it.
         error: Box<AnatomyError>,
     },
+    /// One of the faults cannot be.
+    #[error("fault {}: {error}", index + 1)]
+    InFault {
+        /// Its place in the list, from 0.
+        index: usize,
+        /// What is wrong with it.
+        error: Box<AnatomyError>,
+    },
     /// A value outside its range.
     #[error("{name} has to be from {low} to {high}, it is {value}")]
     OutOfRange {
@@ -187,11 +195,12 @@ impl AnatomyError {
     pub fn at_motility(&self, motility: &Node) -> ConfigError {
         let message = self.to_string();
         match self {
-            Self::InWave { index, error } => {
-                let waves = motility.children("wave").unwrap_or_default();
-                match (waves.get(*index), error.key()) {
-                    (Some(wave), Some(key)) => wave.error_at(key, &message),
-                    (Some(wave), None) => wave.error(&message),
+            Self::InWave { index, error } | Self::InFault { index, error } => {
+                let list = if matches!(self, Self::InWave { .. }) { "wave" } else { "fault" };
+                let entries = motility.children(list).unwrap_or_default();
+                match (entries.get(*index), error.key()) {
+                    (Some(entry), Some(key)) => entry.error_at(key, &message),
+                    (Some(entry), None) => entry.error(&message),
                     (None, _) => motility.error(&message),
                 }
             }

@@ -33,11 +33,12 @@ use crate::error::AnatomyError;
 use crate::motility_config::{MotilityConfig, Rhythm};
 use crate::motility_limits::LARGEST_AMPLITUDE;
 use crate::pylorus::Gate;
-use crate::segment::SegmentKey;
 use crate::tract::Tract;
+use fault::{Impairment, Organ};
 use lumenav_core::{RandomStream, RandomStreams};
 use rand::Rng as _;
 
+pub mod fault;
 pub(crate) mod tissue;
 
 /// Part of a wave's duration that each smooth switch takes, ρ.
@@ -194,6 +195,7 @@ struct Cell {
     is_antral: bool,
     /// Its waves would start before the organ and come in over its end.
     comes_in: bool,
+    impairments: Vec<Impairment>,
     sequence: u64,
     next_time_s: f64,
 }
@@ -211,8 +213,9 @@ impl Cell {
 
     /// Part of the events that is kept.
     fn kept_part(&self, cycle: &MotorComplex, time_s: f64) -> f64 {
-        self.front_delay_s.map_or(1.0, |delay_s| {
-            let factor = cycle.factor(time_s, delay_s);
+        let remaining = Impairment::remaining(&self.impairments, time_s);
+        self.front_delay_s.map_or(remaining, |delay_s| {
+            let factor = remaining * cycle.factor(time_s, delay_s);
             factor * self.proposals(factor) / self.proposals(1.0)
         })
     }
@@ -297,7 +300,7 @@ impl Motility {
         let mut cells = Vec::new();
         if config.spontaneous && config.amplitude_scale.0 > 0.0 {
             for site in config.sites(tract) {
-                site_cells(&site, streams, &mut cells);
+                site_cells(&site, &Impairment::of(&config.fault, site.organ), streams, &mut cells);
             }
         }
         let mut motility = Self {
@@ -466,6 +469,7 @@ enum Source {
 pub(crate) struct Site {
     /// Name of its random streams.
     pub(crate) name: String,
+    pub(crate) organ: Organ,
     /// The stretch, m.
     pub(crate) span_m: [f64; 2],
     /// Where waves may run, m.
@@ -478,7 +482,8 @@ pub(crate) struct Site {
     pub(crate) whole: bool,
 }
 
-fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
+fn site_cells(site: &Site, impairments: &[Impairment], streams: &RandomStreams, cells: &mut Vec<Cell>) {
+    let first = cells.len();
     let [shortest_m, longest_m] = site.rhythm.run_m;
     let mean_run_m = 0.5 * (shortest_m + longest_m);
     let count = |length_m: f64| ((length_m / mean_run_m).round() as usize).clamp(1, MOST_CELLS);
@@ -491,6 +496,9 @@ fn site_cells(site: &Site, streams: &RandomStreams, cells: &mut Vec<Cell>) {
     }
     let wanted = if site.whole { 1 } else { count(length_m) };
     stretch_cells(site, "", [site.span_m[0], length_m], wanted, streams, cells);
+    for cell in &mut cells[first..] {
+        cell.impairments = impairments.to_vec();
+    }
 }
 
 /// So many cells in the stretch of this start and length, m; `place` tells their names from those of other stretches.
@@ -522,7 +530,8 @@ fn stretch_cells(
             rate_hz,
             front_delay_s: site.front_delay_s.map(between),
             rhythm: site.rhythm,
-            is_antral: site.name == SegmentKey::Stomach.as_str(),
+            is_antral: site.organ == Organ::Stomach,
+            impairments: Vec::new(),
             comes_in: middle_m < site.limits_m[0],
             sequence: 0,
             next_time_s: 0.0,

@@ -3,6 +3,7 @@
 //! (S) stated by a source, (B) believed, (T) tuned here (to what stands beside it). Rates are what one place sees.
 
 use crate::error::AnatomyError;
+use crate::motility::fault::{FaultConfig, Organ};
 use crate::motility::{RAMP_FRACTION, Site, Wave};
 use crate::motility_limits::{LARGEST_AMPLITUDE, check_wave, in_range, positive};
 use crate::segment::SegmentKey;
@@ -22,6 +23,8 @@ pub struct MotilityConfig {
     pub taenia_relief: Fraction,
     /// Scheduled waves, `[[motility.wave]]`.
     pub wave: Vec<WaveConfig>,
+    /// What is out of order, `[[motility.fault]]`.
+    pub fault: Vec<FaultConfig>,
     /// The migrating motor complex of the small bowel.
     pub mmc: MmcConfig,
     /// The bolus wave of a swallow.
@@ -49,6 +52,7 @@ impl Default for MotilityConfig {
             spontaneous: true,
             taenia_relief: Fraction(0.0),
             wave: Vec::new(),
+            fault: Vec::new(),
             mmc: MmcConfig::default(),
             oesophagus: OesophagusConfig::default(),
             stomach: StomachConfig::default(),
@@ -245,6 +249,7 @@ impl OesophagusConfig {
         let [start_m, end_m] = self.span_m(tract)?;
         Some(Site {
             name: SegmentKey::Oesophagus.to_string(),
+            organ: Organ::Oesophagus,
             span_m: [start_m; 2],
             limits_m: [start_m, end_m],
             rhythm: Rhythm { run_m: [end_m - start_m; 2], ..self.further() },
@@ -539,6 +544,7 @@ impl ColonConfig {
         let Some(limits_m) = span_of(tract, &all) else { return };
         let site = |name: &str, span_m, rhythm, whole| Site {
             name: name.to_owned(),
+            organ: Organ::Colon,
             span_m,
             limits_m,
             rhythm,
@@ -582,7 +588,8 @@ impl MotilityConfig {
             // Waves of the small bowel run on into the next part of it.
             let limits_m = small_bowel(tract).unwrap_or(span_m);
             let (name, whole) = (segment.key.to_string(), false);
-            sites.push(Site { name, span_m, limits_m, rhythm, front_delay_s, whole });
+            let organ = Organ::SmallBowel;
+            sites.push(Site { name, organ, span_m, limits_m, rhythm, front_delay_s, whole });
         }
         self.colon.sites(tract, &mut sites);
         sites
@@ -596,6 +603,7 @@ impl MotilityConfig {
         let pacemaker_m = end_m - run_m[0] * (1.0 - RAMP_FRACTION);
         Some(Site {
             name: SegmentKey::Stomach.to_string(),
+            organ: Organ::Stomach,
             span_m: [pacemaker_m; 2],
             limits_m: [start_m, end_m + RAMP_FRACTION * run_m[1]],
             rhythm: Rhythm { run_m, ..rhythm },

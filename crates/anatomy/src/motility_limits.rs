@@ -131,6 +131,9 @@ pub(crate) fn check_wave(wave: &WaveConfig, duration_s: f64) -> Result<(), Anato
 impl MotilityConfig {
     /// Refuses what lies outside its range; scheduled waves are looked at when they are resolved.
     pub(crate) fn check(&self) -> Result<(), AnatomyError> {
+        for (index, fault) in self.fault.iter().enumerate() {
+            fault.check().map_err(|error| AnatomyError::InFault { index, error: Box::new(error) })?;
+        }
         among("mmc.period_s", self.mmc.period_s.0, PERIODS_S)?;
         let sum: f64 = self.mmc.fractions.iter().map(|fraction| fraction.0).sum();
         in_range("mmc.fractions (their sum)", sum, 0.999, 1.001)?;

@@ -17,7 +17,7 @@ const GASTRIC: &str = "tuned: to a capsule that reaches the pylorus";
 const MASS_TUNED: &str = "tuned, with width or amplitude, to a sequence that moves content by 0.25 m";
 
 /// Key of [`crate::motility_config::MotilityConfig`] (dotted for its tables) and source of its default.
-pub const MOTILITY_SOURCES: [(&str, &str); 82] = [
+pub const MOTILITY_SOURCES: [(&str, &str); 86] = [
     ("amplitude_scale", "chosen: the amplitudes as they stand"),
     ("spontaneous", "chosen: a living bowel"),
     ("taenia_relief", "chosen: the published law of the radius has no angle"),
@@ -106,6 +106,10 @@ pub const MOTILITY_SOURCES: [(&str, &str); 82] = [
     ("colon.retrograde_run_m", BELIEVED),
     ("wave.start_time_s", "has no default"),
     ("wave.duration_s", "follows from run and speed"),
+    ("fault.kind", "has no default"),
+    ("fault.start_s", "chosen: from the beginning"),
+    ("fault.end_s", "chosen: for good"),
+    ("fault.remaining", "chosen: a paralysis"),
 ];
 
 #[cfg(test)]
@@ -117,7 +121,7 @@ mod tests {
 
     #[test]
     fn law_every_default_has_a_source_and_every_source_a_key() {
-        let text = "[[motility.wave]]\nstart_time_s = 1\nduration_s = 2\n[motility.mmc]\nstart_phase = 0.5\n";
+        let text = "[[motility.wave]]\nstart_time_s = 1\nduration_s = 2\n[[motility.fault]]\nkind = \"ileus\"\nend_s = 9\n[motility.mmc]\nstart_phase = 0.5\n";
         let node = Node::parse_text(text, "s.toml", Path::new(""), &[]).unwrap();
         let _: MotilityConfig = node.child_or_empty("motility").parse_sourced(&MOTILITY_SOURCES).unwrap();
         let entry = &node.log().entries()[0];

@@ -2,9 +2,10 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: the engine is where truth comes from")]
 
-use crate::engine::{ENGINE_SOURCES, Engine, EngineConfig, EngineError, EventKind};
+use crate::engine::{ENGINE_SOURCES, Engine, EngineConfig, EngineError, EventKind, Obstacle};
 use crate::error::ScenarioError;
 use crate::file::{ScenarioFile, TractTable};
+use crate::obstacles;
 use crate::patient::{Patient, calibrated_frame, frame_of};
 use crate::wave_notes::WaveWatch;
 use crate::world::{TruthHistory, World, WorldNote};
@@ -34,6 +35,8 @@ const CONTRACTED: f64 = 0.75;
 /// A capsule in a tract, stepped by the engine.
 pub struct EngineWorld {
     engine: Engine,
+    /// What stands in the tract, in the order of the file.
+    obstacles: Vec<Vec<Obstacle>>,
     /// Pose, velocity and angular rate in the gut's frame: the patient's part is added at the very instant that is asked for.
     history: TruthHistory,
     step_ns: i64,
@@ -107,10 +110,14 @@ impl EngineWorld {
         if let Some(patient) = patient {
             engine = engine.within(patient);
         }
+        let obstacles = obstacles::place_all(&table.obstacle, &tract, &file.node.child_or_empty("tract"))?;
+        for part in obstacles.iter().flatten() {
+            engine.insert_obstacle(part);
+        }
         engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
         let waves = WaveWatch::new(engine.lumen().motility());
         let history = TruthHistory::default();
-        let mut world = Self { engine, history, step_ns, notes: Vec::new(), waves, warnings };
+        let mut world = Self { engine, obstacles, history, step_ns, notes: Vec::new(), waves, warnings };
         world.remember();
         for text in std::mem::take(&mut world.warnings) {
             world.notes.push(WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
@@ -225,6 +232,7 @@ impl World for EngineWorld {
 
     fn static_scene(&self, out: &mut Vec<Primitive>) {
         draw_tract(self.engine.tract(), out);
+        obstacles::draw(&self.obstacles, out);
     }
 
     /// Rings where the wall is contracted now.

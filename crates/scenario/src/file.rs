@@ -7,6 +7,7 @@
 //! allowed. The same reader serves replays: there `[[sensor]]` has `.files` instead of a schedule.
 
 use crate::error::ScenarioError;
+use crate::obstacles::ObstacleTable;
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{CapsuleBody, ConfigError, ModelFolder, Name, Node, Schedule};
 use serde::de::IgnoredAny;
@@ -106,6 +107,9 @@ pub struct TractTable {
     /// Factor on the radii. Default 1.
     #[serde(default = "one")]
     pub radius_scale: Positive,
+    /// What stands in it, `[[tract.obstacle]]`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub obstacle: Vec<ObstacleTable>,
 }
 
 fn one() -> Positive {

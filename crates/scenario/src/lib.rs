@@ -10,6 +10,7 @@ pub mod engine_world;
 pub mod error;
 pub mod file;
 pub mod kinematic;
+pub mod obstacles;
 pub mod path;
 pub mod patient;
 mod wave_notes;

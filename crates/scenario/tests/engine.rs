@@ -547,6 +547,18 @@ fn stays_inside(test: &str, tract: &Arc<Tract>, runs: u64, short_s: f64) {
 }
 
 #[test]
+fn law_a_capsule_in_a_whole_gut_stays_inside_and_its_stalls_are_told() {
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/tracts");
+    let tract = tract_of(&models.join("whole-gut-average-man.toml"), &[]);
+    let make = |streams: &RandomStreams| Motility::new(&MotilityConfig::default(), &tract, streams).unwrap();
+    // Stalls within the half minute that this lasts.
+    let config = EngineConfig { stalled_after_s: Positive(10.0), ..EngineConfig::default() };
+    let report = fuzz_inside_lumen(0..24, 30.0, &config, &tract, CAPSULE, make).unwrap();
+    assert!(report.inside() && report.untold_stalls == 0, "{report:?}");
+    assert!(report.stalls > 3, "{report:?}");
+}
+
+#[test]
 fn law_the_capsule_stays_inside_the_shipped_colon() {
     stays_inside("law_the_capsule_stays_inside_the_shipped_colon", &shipped_colon(), 200, 5.0);
 }

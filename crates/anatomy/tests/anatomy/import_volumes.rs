@@ -194,7 +194,7 @@ fn law_broken_volumes_never_panic() {
             let mut broken = bytes.clone();
             // A fixed walk over the header: each place gets another byte.
             let place = (n * 37 + 11 * n * n) % 352;
-            broken[place] = broken[place].wrapping_add(1 + n as u8 * 5);
+            broken[place] = broken[place].wrapping_add((1 + 5 * n) as u8);
             let end = if n % 4 == 0 { broken.len() - n * broken.len() / 80 } else { broken.len() };
             match import(name, &broken[..end], &ImportOptions::default()) {
                 Ok(tract) => assert!(tract.length_m.is_finite()),

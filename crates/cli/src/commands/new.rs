@@ -12,7 +12,7 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 25] = [
+const SHIPPED: [(&str, &str); 29] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
     ("colon-pet-bed", include_str!("../../../../scenarios/colon-pet-bed.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
@@ -31,13 +31,17 @@ const SHIPPED: [(&str, &str); 25] = [
     ("replay/magnet-patch", include_str!("../../../../scenarios/replay/magnet-patch.toml")),
     ("replay/pept-1p-fluidised", include_str!("../../../../scenarios/replay/pept-1p-fluidised.toml")),
     ("replay/pept-2p-static", include_str!("../../../../scenarios/replay/pept-2p-static.toml")),
+    ("retention-stricture", include_str!("../../../../scenarios/retention-stricture.toml")),
     ("self-calibration", include_str!("../../../../scenarios/self-calibration.toml")),
+    ("small-bowel", include_str!("../../../../scenarios/small-bowel.toml")),
     ("smoke/colon", include_str!("../../../../scenarios/smoke/colon.toml")),
     ("smoke/faults", include_str!("../../../../scenarios/smoke/faults.toml")),
     ("smoke/helix", include_str!("../../../../scenarios/smoke/helix.toml")),
     ("smoke/pet", include_str!("../../../../scenarios/smoke/pet.toml")),
+    ("stomach", include_str!("../../../../scenarios/stomach.toml")),
     ("torso-belt-study", include_str!("../../../../scenarios/torso-belt-study.toml")),
     ("turning-patient", include_str!("../../../../scenarios/turning-patient.toml")),
+    ("whole-exam", include_str!("../../../../scenarios/whole-exam.toml")),
 ];
 
 /// Makes something new.

@@ -1,6 +1,6 @@
 //! The law that the capsule never leaves the lumen, tried over random motility.
 
-use super::{Engine, EngineConfig, EngineError};
+use super::{Engine, EngineConfig, EngineError, EventKind};
 use lumenav_anatomy::lumen::Lumen;
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::tract::Tract;
@@ -29,12 +29,63 @@ pub struct FuzzReport {
     pub fastest_m_s: f64,
     /// Steps whose state was not finite: has to be 0.
     pub not_finite: u64,
+    /// Stalls that were told as events, and those that were not: the latter have to be 0.
+    pub stalls: u64,
+    /// See [`FuzzReport::stalls`].
+    pub untold_stalls: u64,
+    /// Capsules that left the tract.
+    pub left: u64,
 }
 
 impl FuzzReport {
     /// Whether the capsule stayed inside in every step of every run.
     pub fn inside(&self) -> bool {
         self.not_finite == 0 && self.worst_excess_m <= TOLERANCE_M
+    }
+
+    /// The same of two halves of a fuzzing.
+    #[must_use]
+    pub fn and(self, other: &Self) -> Self {
+        let worst = if other.worst_excess_m > self.worst_excess_m { other } else { &self };
+        Self {
+            runs: self.runs + other.runs,
+            steps: self.steps + other.steps,
+            fastest_m_s: self.fastest_m_s.max(other.fastest_m_s),
+            not_finite: self.not_finite + other.not_finite,
+            stalls: self.stalls + other.stalls,
+            untold_stalls: self.untold_stalls + other.untold_stalls,
+            left: self.left + other.left,
+            ..*worst
+        }
+    }
+}
+
+/// A capsule's rest, measured from its states alone.
+struct Rest {
+    anchor_m: f64,
+    since: SimTime,
+    told: bool,
+    counted: bool,
+}
+
+impl Rest {
+    /// Counts a stall that the engine did not tell.
+    fn look(&mut self, engine: &Engine, report: &mut FuzzReport) {
+        let (state, config) = (engine.state(), &engine.config);
+        if (state.arc_length_m - self.anchor_m).abs() > config.stalled_distance_m.0 {
+            *self = Self { anchor_m: state.arc_length_m, since: state.at, told: false, counted: false };
+        }
+        let told = engine.events().iter().any(|event| event.kind == EventKind::Stalled);
+        report.stalls += u64::from(told);
+        self.told |= told;
+        // The end of the step in which it is due tells it.
+        if !self.told
+            && !self.counted
+            && state.at.since_s(self.since) > config.stalled_after_s.0 + engine.step_s
+        {
+            self.counted = true;
+            report.untold_stalls += 1;
+        }
     }
 }
 
@@ -60,6 +111,9 @@ pub fn fuzz_inside_lumen(
         worst_at: SimTime::ZERO,
         fastest_m_s: 0.0,
         not_finite: 0,
+        stalls: 0,
+        untold_stalls: 0,
+        left: 0,
     };
     for seed in seeds {
         // The golden ratio spreads the starts evenly over the tract for any number of seeds.
@@ -71,10 +125,14 @@ pub fn fuzz_inside_lumen(
         let mut engine = Engine::new(config, tract.clone(), motility(&streams), capsule)?;
         let steps = (duration_s * f64::from(engine.config.step_rate_hz)).round() as u64;
         report.runs += 1;
+        let start = engine.state();
+        let mut rest = Rest { anchor_m: start.arc_length_m, since: start.at, told: false, counted: false };
         for _ in 0..steps {
             engine.step();
             report.note(seed, &engine, capsule.radius_m);
+            rest.look(&engine, &mut report);
             if engine.left {
+                report.left += 1;
                 break;
             }
         }

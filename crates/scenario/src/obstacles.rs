@@ -1,0 +1,182 @@
+//! `[[tract.obstacle]]`: polyps, strictures and plates, rigid and fast to the tract.
+//!
+//! A polyp is a ball whose centre lies on the resting wall. A stricture is a ring of balls across the lumen that leaves a round opening; the
+//! balls stand so close that the opening's radius is true within `t (1 - sqrt(3)/2)`, t the ring's half thickness. A plate stands on the wall, across the
+//! lumen. The capsule meets them as rapier's colliders ([`Obstacle`]); the wall around them moves as it would without.
+
+use crate::engine::Obstacle;
+use lumenav_anatomy::segment::SegmentKey;
+use lumenav_anatomy::tract::Tract;
+use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
+use lumenav_core::{ConfigError, Node, Primitive};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Colour of obstacles.
+const RGBA: u32 = 0xAA33_77FF;
+
+/// `[[tract.obstacle]]`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObstacleTable {
+    /// What it is.
+    pub kind: ObstacleKind,
+    /// The segment from whose oral end `at_mm` counts; the tract's start where it is not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment: Option<SegmentKey>,
+    /// Where, mm along the centre line.
+    pub at_mm: NonNegative,
+    /// Where around the lumen, degrees from the centre line's normal (polyp, plate). Default 0.
+    #[serde(default = "zero")]
+    pub angle_deg: Finite,
+    /// Radius of a polyp, or of a stricture's opening, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<Positive>,
+    /// How far a plate stands into the lumen, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height_mm: Option<Positive>,
+    /// Thickness of a stricture's ring, or of a plate, along the lumen, mm. Default 3.
+    #[serde(default = "three")]
+    pub thickness_mm: Positive,
+}
+
+/// Kinds of obstacles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObstacleKind {
+    /// A ball on the wall.
+    Polyp,
+    /// A ring with an opening.
+    Stricture,
+    /// A plate on the wall.
+    Plate,
+}
+
+fn zero() -> Finite {
+    Finite(0.0)
+}
+
+fn three() -> Positive {
+    Positive(3.0)
+}
+
+impl ObstacleTable {
+    /// The rigid things it is made of, in the tract's frame. `node` is its table.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line and key: not in the tract, a size that its kind does not have or lacks.
+    pub fn place(&self, tract: &Tract, node: &Node) -> Result<Vec<Obstacle>, ConfigError> {
+        let origin_m = match self.segment {
+            None => 0.0,
+            Some(key) => tract.segment(key).map(|segment| segment.start_m).ok_or_else(|| {
+                let there = tract.segments.iter().map(|s| s.key.as_str()).collect::<Vec<_>>().join(", ");
+                node.error_at("segment", &format!("the tract has no {key}; allowed: {there}"))
+            })?,
+        };
+        let s_m = origin_m + 1e-3 * self.at_mm.0;
+        if s_m > tract.length_m() {
+            let most_mm = 1e3 * (tract.length_m() - origin_m);
+            return Err(
+                node.error_at("at_mm", &format!("is beyond the tract's end; allowed: 0 to {most_mm:.0}"))
+            );
+        }
+        let (asked, refused) = match self.kind {
+            ObstacleKind::Plate => (("height_mm", self.height_mm), ("radius_mm", self.radius_mm)),
+            _ => (("radius_mm", self.radius_mm), ("height_mm", self.height_mm)),
+        };
+        if refused.1.is_some() {
+            return Err(node.error_at(refused.0, &format!("this kind has none; allowed: {}", asked.0)));
+        }
+        let Some(Positive(size_mm)) = asked.1 else {
+            return Err(node.error_at("kind", &format!("this kind needs `{}`", asked.0)));
+        };
+        let wall_m = tract.radius.radius_m(s_m);
+        let (size_m, thickness_m) = (1e-3 * size_mm, 1e-3 * self.thickness_mm.0);
+        if size_m > 2.0 * wall_m || thickness_m > 2.0 * wall_m {
+            let key = if size_m > 2.0 * wall_m { asked.0 } else { "thickness_mm" };
+            let most_mm = 2e3 * wall_m;
+            return Err(
+                node.error_at(key, &format!("is wider than the lumen there; allowed: up to {most_mm:.1}"))
+            );
+        }
+        let station = tract.station(s_m);
+        let outwards = |angle: f64| station.normal * angle.cos() + station.binormal * angle.sin();
+        let angle = self.angle_deg.0.to_radians();
+        Ok(match self.kind {
+            ObstacleKind::Polyp => {
+                vec![ball(station.position_m + outwards(angle) * wall_m, size_m)]
+            }
+            ObstacleKind::Stricture => {
+                let half_m = 0.5 * thickness_m;
+                let ring_m = size_m + half_m;
+                // Neighbours half a thickness apart.
+                let count = (std::f64::consts::TAU * ring_m / half_m).ceil();
+                (0..count as usize)
+                    .map(|k| outwards(std::f64::consts::TAU * k as f64 / count))
+                    .map(|way| ball(station.position_m + way * ring_m, half_m))
+                    .collect()
+            }
+            ObstacleKind::Plate => {
+                let (up, along) = (-outwards(angle), station.tangent);
+                let turn = Matrix3::from_columns(&[along, up, along.cross(&up)]);
+                let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn));
+                let centre = station.position_m - up * (wall_m - 0.5 * size_m);
+                vec![Obstacle::Plate {
+                    torso_from_plate: Isometry3::from_parts(Translation3::from(centre.coords), rotation),
+                    half_extents_m: Vector3::new(0.5 * thickness_m, 0.5 * size_m, wall_m),
+                }]
+            }
+        })
+    }
+}
+
+fn ball(centre_torso_m: Point3<f64>, radius_m: f64) -> Obstacle {
+    Obstacle::Ball { centre_torso_m, radius_m }
+}
+
+/// All obstacles of `[tract]`, in the order of the file.
+///
+/// # Errors
+/// As [`ObstacleTable::place`].
+pub(crate) fn place_all(
+    tables: &[ObstacleTable],
+    tract: &Tract,
+    node: &Node,
+) -> Result<Vec<Vec<Obstacle>>, ConfigError> {
+    let nodes = node.children("obstacle")?;
+    tables.iter().zip(&nodes).map(|(table, node)| table.place(tract, node)).collect()
+}
+
+/// Draws them.
+pub(crate) fn draw(all: &[Vec<Obstacle>], out: &mut Vec<Primitive>) {
+    for (index, one) in all.iter().enumerate() {
+        let path = format!("tract/obstacle/{index}");
+        let single = |p: &Point3<f64>| [p.x as f32, p.y as f32, p.z as f32];
+        match one.first() {
+            Some(Obstacle::Ball { radius_m, .. }) => {
+                let centres = one.iter().filter_map(|part| match part {
+                    Obstacle::Ball { centre_torso_m, .. } => Some(single(centre_torso_m)),
+                    Obstacle::Plate { .. } => None,
+                });
+                out.push(Primitive::Points {
+                    path,
+                    positions_world_m: centres.collect(),
+                    rgba: vec![RGBA],
+                    radius_m: *radius_m as f32,
+                });
+            }
+            Some(Obstacle::Plate { torso_from_plate, half_extents_m: h }) => {
+                let corner = |k: u32| {
+                    let sign = |bit: u32| if k >> bit & 1 == 1 { 1.0 } else { -1.0 };
+                    single(&(torso_from_plate * Point3::new(sign(0) * h.x, sign(1) * h.y, sign(2) * h.z)))
+                };
+                let faces =
+                    [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+                let triangles = faces.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+                let vertices_world_m = (0..8).map(corner).collect();
+                out.push(Primitive::Mesh { path, vertices_world_m, triangles, rgba: vec![RGBA] });
+            }
+            None => {}
+        }
+    }
+}
