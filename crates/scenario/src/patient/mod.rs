@@ -13,7 +13,7 @@
 //! table    by a step
 //! ```
 //!
-//! The courses stand at the head of [`profile`]; their sum is twice continuously differentiable, so velocity and acceleration of
+//! The courses stand at the head of `profile.rs`; their sum is twice continuously differentiable, so velocity and acceleration of
 //! everything are closed forms ([`FrameMotion`]), and no step size enters. There is no random number in it.
 //!
 //! Frames: `torso` is the trunk's skeleton, to which what is worn is calibrated; `abdomen` is the belly's surface, where it may be worn;
