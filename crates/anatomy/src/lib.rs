@@ -24,6 +24,8 @@ pub mod segment;
 pub mod shape;
 mod spline;
 pub mod statistics;
+#[cfg(test)]
+mod test_tracts;
 pub mod tract;
 pub mod tract_file;
 

@@ -347,6 +347,7 @@ mod tests {
     use super::*;
     use crate::motility_config::{MotilityConfig, WaveConfig};
     use crate::segment::SegmentKey;
+    use crate::test_tracts::stomach_and_duodenum;
     use crate::tract::{End, SegmentPoints, TractDraft};
     use lumenav_core::RandomStreams;
     use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
@@ -429,21 +430,7 @@ mod tests {
 
     #[test]
     fn law_derivatives_at_the_pylorus_equal_central_differences() {
-        let piece = |key: SegmentKey, from_m: f64| SegmentPoints {
-            key,
-            points_m: (0..=4).map(|i| Point3::new(0.0, 0.0, from_m + 0.05 * f64::from(i))).collect(),
-            radii_m: vec![0.012; 5],
-            wall: key.default_wall(),
-            source: String::new(),
-        };
-        let draft = TractDraft {
-            name: "t".into(),
-            segments: vec![piece(SegmentKey::Stomach, 0.0), piece(SegmentKey::Duodenum, 0.2)],
-            ends: (End::Closed, End::Exit),
-            torso_half_extents_m: None,
-            source: String::new(),
-        };
-        let tract = Arc::new(draft.build().unwrap().0);
+        let tract = Arc::new(stomach_and_duodenum(0.012));
         let mut config = MotilityConfig::default();
         config.pylorus.opening_fraction = Fraction(1.0);
         let motility = Motility::new(&config, &tract, &RandomStreams::new(7, 0, "motility")).unwrap();

@@ -104,27 +104,12 @@ impl Gate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tract::{End, SegmentPoints, TractDraft};
-    use nalgebra::Point3;
+    use crate::test_tracts::stomach_and_duodenum;
 
     fn gate(opening_fraction: f64) -> Gate {
-        let segment = |key: SegmentKey, from_m: f64| SegmentPoints {
-            key,
-            points_m: (0..=4).map(|i| Point3::new(0.0, 0.0, from_m + 0.05 * f64::from(i))).collect(),
-            radii_m: vec![0.015; 5],
-            wall: key.default_wall(),
-            source: String::new(),
-        };
-        let draft = TractDraft {
-            name: "t".into(),
-            segments: vec![segment(SegmentKey::Stomach, 0.0), segment(SegmentKey::Duodenum, 0.2)],
-            ends: (End::Closed, End::Exit),
-            torso_half_extents_m: None,
-            source: String::new(),
-        };
         let mut config = PylorusConfig::default();
         config.opening_fraction.0 = opening_fraction;
-        Gate::new(&config, 1.0, &draft.build().unwrap().0).unwrap()
+        Gate::new(&config, 1.0, &stomach_and_duodenum(0.015)).unwrap()
     }
 
     fn wave(start_time_s: f64) -> Wave {

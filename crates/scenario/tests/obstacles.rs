@@ -65,7 +65,7 @@ fn closed_form_a_stricture_leaves_its_opening() {
     let parts =
         place("kind = \"stricture\"\nsegment = \"ileum\"\nat_mm = 200\nradius_mm = 4\nthickness_mm = 3")
             .unwrap();
-    // Of every point of the opening's edge the nearest ball's surface is at most t (1 - sqrt(1 - 1/16)) further out.
+    // Balls of the radius t = 1.5 mm that stand t apart: between two of them the edge is at most t (1 - sqrt(3)/2) = 0.20 mm further out.
     for k in 0..360 {
         let angle = f64::from(k).to_radians();
         let way = Vector3::new(angle.cos(), angle.sin(), 0.0);

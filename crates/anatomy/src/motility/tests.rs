@@ -4,6 +4,7 @@ use super::*;
 use crate::generator::{ColonRequest, colon};
 use crate::motility_config::WaveConfig;
 use crate::segment::SegmentKey;
+use crate::test_tracts::stomach_and_duodenum;
 use crate::tract::{End, SegmentPoints, TractDraft};
 use lumenav_core::Node;
 use lumenav_core::config::quantity::Fraction;
@@ -343,21 +344,7 @@ fn law_the_first_centimetres_of_a_bowel_see_as_many_waves_as_the_others() {
 
 #[test]
 fn published_antral_waves_run_to_the_pylorus_three_times_a_minute() {
-    let piece = |key: SegmentKey, from_m: f64| SegmentPoints {
-        key,
-        points_m: (0..=4).map(|i| Point3::new(0.0, 0.0, from_m + 0.05 * f64::from(i))).collect(),
-        radii_m: vec![0.015; 5],
-        wall: key.default_wall(),
-        source: String::new(),
-    };
-    let draft = TractDraft {
-        name: "t".into(),
-        segments: vec![piece(SegmentKey::Stomach, 0.0), piece(SegmentKey::Duodenum, 0.2)],
-        ends: (End::Closed, End::Exit),
-        torso_half_extents_m: None,
-        source: String::new(),
-    };
-    let tract = draft.build().unwrap().0;
+    let tract = stomach_and_duodenum(0.015);
     let mut config = MotilityConfig::default();
     config.mmc.rate_factor = [Fraction(0.0); 3];
     let all = waves(Motility::new(&config, &tract, &streams(4)).unwrap(), 3600.0, 0.5);
