@@ -95,6 +95,14 @@ pub enum AnatomyError {
         /// What is wrong with it.
         error: Box<AnatomyError>,
     },
+    /// One of the meals cannot be.
+    #[error("meal {}: {error}", index + 1)]
+    InMeal {
+        /// Its place in the list, from 0.
+        index: usize,
+        /// What is wrong with it.
+        error: Box<AnatomyError>,
+    },
     /// A value outside its range.
     #[error("{name} has to be from {low} to {high}, it is {value}")]
     OutOfRange {
@@ -195,8 +203,14 @@ impl AnatomyError {
     pub fn at_motility(&self, motility: &Node) -> ConfigError {
         let message = self.to_string();
         match self {
-            Self::InWave { index, error } | Self::InFault { index, error } => {
-                let list = if matches!(self, Self::InWave { .. }) { "wave" } else { "fault" };
+            Self::InWave { index, error }
+            | Self::InFault { index, error }
+            | Self::InMeal { index, error } => {
+                let list = match self {
+                    Self::InWave { .. } => "wave",
+                    Self::InFault { .. } => "fault",
+                    _ => "meal",
+                };
                 let entries = motility.children(list).unwrap_or_default();
                 match (entries.get(*index), error.key()) {
                     (Some(entry), Some(key)) => entry.error_at(key, &message),

@@ -13,7 +13,8 @@
 //!
 //! Waves are scheduled (`[[motility.wave]]`, also the first swallow) or spontaneous (also the swallows that follow). Spontaneous waves come from *cells*: a segment
 //! is cut into cells of the mean run of its waves, and each cell is a renewal process with dead time `r/f` and an exponential
-//! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`. In the small bowel the tissue itself
+//! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`; in the colon, where contractions come in
+//! bursts, during one. In the small bowel the tissue itself
 //! is refractory ([`tissue`](self)), the cells are Poisson processes, and an event is kept with the probability that the migrating motor
 //! complex (MMC) gives its phase at that place and time; the phase travels aborally with the MMC front.
 //!
@@ -36,9 +37,11 @@ use crate::pylorus::Gate;
 use crate::tract::Tract;
 use fault::{Impairment, Organ};
 use lumenav_core::{RandomStream, RandomStreams};
+use meal::MealConfig;
 use rand::Rng as _;
 
 pub mod fault;
+pub mod meal;
 pub(crate) mod tissue;
 
 /// Part of a wave's duration that each smooth switch takes, ρ.
@@ -156,9 +159,10 @@ pub struct Motility {
     first_end_s: f64,
 }
 
-/// The migrating motor complex: a phase in [0, 1) that travels aborally.
-#[derive(Debug, Clone, Copy)]
+/// The migrating motor complex: a phase in [0, 1) that travels aborally, but for the time of a meal.
+#[derive(Debug, Clone)]
 struct MotorComplex {
+    meals: Vec<MealConfig>,
     period_s: f64,
     start_phase: f64,
     fractions: [f64; 3],
@@ -166,8 +170,16 @@ struct MotorComplex {
 }
 
 impl MotorComplex {
+    /// The meal that is digested at `time_s`; of several the first in the file.
+    fn meal_at(&self, time_s: f64) -> Option<&MealConfig> {
+        self.meals.iter().find(|meal| meal.lasts_at(time_s))
+    }
+
     /// Rate factor at `time_s` where the front arrives `delay_s` late.
     fn factor(&self, time_s: f64, delay_s: f64) -> f64 {
+        if let Some(meal) = self.meal_at(time_s) {
+            return meal.rate_factor.0;
+        }
         let phase = (self.start_phase + (time_s - delay_s) / self.period_s).rem_euclid(1.0);
         if phase < self.fractions[0] {
             self.rate_factors[0]
@@ -185,6 +197,8 @@ struct Cell {
     name: String,
     start_m: f64,
     length_m: f64,
+    /// As [`Site::origins`].
+    origins: Option<Origins>,
     /// The centre of a wave stays in here, m.
     limits_m: [f64; 2],
     rate_hz: f64,
@@ -196,8 +210,48 @@ struct Cell {
     /// Its waves would start before the organ and come in over its end.
     comes_in: bool,
     impairments: Vec<Impairment>,
+    bursts: Option<Bursts>,
     sequence: u64,
     next_time_s: f64,
+}
+
+/// Places at which waves arise: a part of them evenly from the first to the middle one, the others evenly from there to the last, m.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Origins {
+    pub(crate) places_m: [f64; 3],
+    pub(crate) first_part: f64,
+}
+
+impl Origins {
+    /// Where a wave arises, m, from a uniform number.
+    fn at(&self, uniform: f64) -> f64 {
+        let [first, middle, last] = self.places_m;
+        if uniform < self.first_part {
+            first + uniform / self.first_part * (middle - first)
+        } else {
+            middle + (uniform - self.first_part) / (1.0 - self.first_part) * (last - middle)
+        }
+    }
+}
+
+/// When a stretch contracts at all: one burst somewhere in each period.
+#[derive(Debug, Clone)]
+struct Bursts {
+    /// Name of their random stream.
+    name: String,
+    burst_s: f64,
+    period_s: f64,
+}
+
+impl Bursts {
+    /// Whether one runs at `time_s`.
+    fn run_at(&self, streams: &RandomStreams, time_s: f64) -> bool {
+        let index = (time_s / self.period_s).floor().max(0.0);
+        let begins_s =
+            uniform(&mut streams.stream(&self.name, index as u64)) * (self.period_s - self.burst_s);
+        let since_s = time_s - index * self.period_s - begins_s;
+        (0.0..self.burst_s).contains(&since_s)
+    }
 }
 
 impl Cell {
@@ -243,11 +297,16 @@ impl Cell {
         let (time_s, rhythm) = (self.next_time_s, self.rhythm);
         self.sequence += 1;
         self.next_time_s += self.interval_s(remainder);
-        if kept >= self.kept_part(cycle, time_s) {
+        let rests = self.bursts.as_ref().is_some_and(|bursts| !bursts.run_at(streams, time_s));
+        if rests || kept >= self.kept_part(cycle, time_s) {
             return None;
         }
-        let strength = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
-        let mut start_m = self.start_m + place * self.length_m;
+        let mut strength = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
+        if let Some(meal) = self.front_delay_s.and_then(|_| cycle.meal_at(time_s)) {
+            strength *= meal.amplitude_factor.0;
+        }
+        let mut start_m =
+            self.origins.map_or(self.start_m + place * self.length_m, |origins| origins.at(place));
         let aboral = direction < rhythm.aboral_fraction;
         let mut wanted_m = rhythm.run_m[0] + length * (rhythm.run_m[1] - rhythm.run_m[0]);
         // What would come in over the oral end starts there, with what is left of its run.
@@ -292,6 +351,7 @@ impl Motility {
         let start_phase =
             config.mmc.start_phase.map_or_else(|| uniform(&mut streams.stream("mmc", 0)), |phase| phase.0);
         let cycle = MotorComplex {
+            meals: config.meal.clone(),
             period_s: config.mmc.period_s.0,
             start_phase,
             fractions: config.mmc.fractions.map(|f| f.0),
@@ -375,7 +435,8 @@ impl Motility {
                         None => wave,
                     };
                     if let Some((gate, wave)) = self.gate.as_mut().zip(wave).filter(|_| cell.is_antral) {
-                        gate.schedule_opening(&wave, cell.sequence, &self.streams);
+                        let is_fed = self.cycle.meal_at(wave.start_time_s).is_some();
+                        gate.schedule_opening(&wave, cell.sequence, &self.streams, is_fed);
                     }
                     wave
                 }
@@ -480,6 +541,10 @@ pub(crate) struct Site {
     pub(crate) front_delay_s: Option<[f64; 2]>,
     /// The whole stretch is one cell (events that seize the organ), or cells of the mean run.
     pub(crate) whole: bool,
+    /// Of a whole stretch: where its waves arise, where not evenly over it.
+    pub(crate) origins: Option<Origins>,
+    /// Length of a burst and mean interval of bursts, s, where it does not contract all the time.
+    pub(crate) bursts: Option<[f64; 2]>,
 }
 
 fn site_cells(site: &Site, impairments: &[Impairment], streams: &RandomStreams, cells: &mut Vec<Cell>) {
@@ -526,6 +591,12 @@ fn stretch_cells(
             name,
             start_m: cell_start_m,
             length_m: length_m / count as f64,
+            origins: site.origins,
+            bursts: site.bursts.map(|[burst_s, period_s]| Bursts {
+                name: format!("{}/bursts", site.name),
+                burst_s,
+                period_s,
+            }),
             limits_m: site.limits_m,
             rate_hz,
             front_delay_s: site.front_delay_s.map(between),

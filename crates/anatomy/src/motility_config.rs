@@ -4,7 +4,8 @@
 
 use crate::error::AnatomyError;
 use crate::motility::fault::{FaultConfig, Organ};
-use crate::motility::{RAMP_FRACTION, Site, Wave};
+use crate::motility::meal::MealConfig;
+use crate::motility::{Origins, RAMP_FRACTION, Site, Wave};
 use crate::motility_limits::{LARGEST_AMPLITUDE, check_wave, in_range, positive};
 use crate::segment::SegmentKey;
 use crate::tract::Tract;
@@ -25,6 +26,8 @@ pub struct MotilityConfig {
     pub wave: Vec<WaveConfig>,
     /// What is out of order, `[[motility.fault]]`.
     pub fault: Vec<FaultConfig>,
+    /// When the gut is fed, `[[motility.meal]]`; fasted without.
+    pub meal: Vec<MealConfig>,
     /// The migrating motor complex of the small bowel.
     pub mmc: MmcConfig,
     /// The bolus wave of a swallow.
@@ -53,6 +56,7 @@ impl Default for MotilityConfig {
             taenia_relief: Fraction(0.0),
             wave: Vec::new(),
             fault: Vec::new(),
+            meal: Vec::new(),
             mmc: MmcConfig::default(),
             oesophagus: OesophagusConfig::default(),
             stomach: StomachConfig::default(),
@@ -255,6 +259,8 @@ impl OesophagusConfig {
             rhythm: Rhythm { run_m: [end_m - start_m; 2], ..self.further() },
             front_delay_s: None,
             whole: true,
+            origins: None,
+            bursts: None,
         })
     }
 
@@ -432,7 +438,12 @@ const MMC_FRONT_M_S: [(SegmentKey, f64); 4] = [
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ColonConfig {
-    /// Haustral contractions at one place, 1/s. Default 0.05: 3 per minute (S).
+    /// Part of the time in which a segment's haustra contract, and its retrograde waves run; 1: always. Default 0.2 [B: scant contractions with
+    /// infrequent bursts, S, doi:10.1152/ajpgi.1989.257.4.G601].
+    pub burst_fraction: Fraction,
+    /// Length of a burst of them, s. Default 300 (B).
+    pub burst_s: Positive,
+    /// Haustral contractions at one place in a burst, 1/s. Default 0.05: 3 per minute (S).
     pub haustral_rate_hz: NonNegative,
     /// Their speed, m/s. Default 0.002 (B).
     pub haustral_speed_m_s: Positive,
@@ -444,7 +455,8 @@ pub struct ColonConfig {
     pub haustral_run_m: [Positive; 2],
     /// Part of them that travels aborally. Default 0.5 (B).
     pub haustral_aboral_fraction: Fraction,
-    /// Mass movements per day. Default 8 (6.9 to 10) (S).
+    /// Mass movements per day: propulsive sequences. Default 24 [T to colonic transit]. Those of high amplitude, above 105 mmHg, are 6.9 to 10 (S),
+    /// but sequences that propelled had 50 mmHg in the mean and were a third of all (S, doi:10.1152/ajpgi.2000.278.2.G329).
     pub mass_rate_per_day: NonNegative,
     /// Their speed, m/s. Default 0.022: 2.2 ± 0.3 cm/s [S, doi:10.1152/ajpgi.2000.278.2.G329].
     pub mass_speed_m_s: Positive,
@@ -459,7 +471,13 @@ pub struct ColonConfig {
     /// How far ahead of them haustra flatten, m. Default 0.2 [B; after Guyton and Hall, Textbook of Medical
     /// Physiology, where some 20 cm of colon distal to the constriction lose their haustra].
     pub mass_flattens_ahead_m: NonNegative,
-    /// Retrograde waves of sigmoid and rectum at one place, 1/s. Default 0.05: 3 per minute (S).
+    /// Part of them that arises in the caecum; the others arise evenly from there to the sigmoid. Default 0.3 [T to colonic
+    /// transit; S that they arise more often proximally, doi:10.1152/ajpgi.2000.278.2.G329].
+    pub mass_caecal_fraction: Fraction,
+    /// Defecations per day: a mass movement that runs out. Default 1 [S, doi:10.1136/gut.33.6.818: the commonest habit]. Half of them begin
+    /// before the sigmoid, the furthest in the ascending colon; the shortest take three fifths of sigmoid and rectum (S, PMID 12780911).
+    pub defecation_rate_per_day: NonNegative,
+    /// Retrograde waves of sigmoid and rectum at one place in a burst, 1/s. Default 0.05: 3 per minute (S).
     pub retrograde_rectosigmoid_rate_hz: NonNegative,
     /// Their speed, m/s. Default 0.005 (B).
     pub retrograde_speed_m_s: Positive,
@@ -472,18 +490,22 @@ pub struct ColonConfig {
 impl Default for ColonConfig {
     fn default() -> Self {
         Self {
+            burst_fraction: Fraction(0.2),
+            burst_s: Positive(300.0),
             haustral_rate_hz: NonNegative(0.05),
             haustral_speed_m_s: Positive(0.002),
             haustral_amplitude: Fraction(0.3),
             haustral_width_m: Positive(0.010),
             haustral_run_m: [Positive(0.01), Positive(0.03)],
             haustral_aboral_fraction: Fraction(0.5),
-            mass_rate_per_day: NonNegative(8.0),
+            mass_rate_per_day: NonNegative(24.0),
             mass_speed_m_s: Positive(0.022),
             mass_run_m: Positive(0.41),
             mass_amplitude: Fraction(0.95),
             mass_width_m: Positive(0.02),
             mass_flattens_ahead_m: NonNegative(0.2),
+            mass_caecal_fraction: Fraction(0.3),
+            defecation_rate_per_day: NonNegative(1.0),
             retrograde_rectosigmoid_rate_hz: NonNegative(0.05),
             retrograde_speed_m_s: Positive(0.005),
             retrograde_amplitude: Fraction(0.3),
@@ -523,6 +545,16 @@ impl ColonConfig {
         }
     }
 
+    /// What empties the rectum; how far it runs is the site's matter.
+    fn defecation(&self) -> Rhythm {
+        Rhythm {
+            rate_hz: [self.defecation_rate_per_day.0 / 86_400.0; 2],
+            // A habit (B).
+            refractory_fraction: 0.5,
+            ..self.mass()
+        }
+    }
+
     pub(crate) fn retrograde(&self) -> Rhythm {
         Rhythm {
             rate_hz: [self.retrograde_rectosigmoid_rate_hz.0; 2],
@@ -550,17 +582,52 @@ impl ColonConfig {
             rhythm,
             front_delay_s: None,
             whole,
+            origins: None,
+            bursts: None,
         };
+        let bursts = Some([self.burst_s.0, self.burst_s.0 / self.burst_fraction.0]);
+        let bursts = bursts.filter(|_| self.burst_fraction.0 < 1.0);
         for segment in tract.segments.iter().filter(|s| s.key.is_colon() && s.key != Rectum) {
             let name = format!("haustra/{}", segment.key);
-            sites.push(site(&name, [segment.start_m, segment.end_m], self.haustral(), false));
+            let haustra = site(&name, [segment.start_m, segment.end_m], self.haustral(), false);
+            sites.push(Site { bursts, ..haustra });
         }
-        // Mass movements arise in the proximal half (caecum to transverse) (B) and run over what lies behind.
-        let proximal = span_of(tract, &[Caecum, Ascending, Transverse]).unwrap_or(limits_m);
-        sites.push(site("mass", proximal, self.mass(), true));
+        // Mass movements arise before the sigmoid, three quarters of them before the splenic flexure, and run over what lies behind. Those of the
+        // caecum rise while their centre is still before it: a capsule at its bottom lies on the front of the whole wave.
+        let [start_m, end_m] =
+            span_of(tract, &[Caecum, Ascending, Transverse, Descending]).unwrap_or(limits_m);
+        let caecal_m = start_m - RAMP_FRACTION * self.mass_run_m.0;
+        let places_m = [caecal_m, caecal_m, end_m];
+        sites.push(Site {
+            origins: Some(Origins { places_m, first_part: self.mass_caecal_fraction.0 }),
+            limits_m: [caecal_m, limits_m[1]],
+            ..site("mass", [start_m, end_m], self.mass(), true)
+        });
+        sites.extend(self.defecations(tract, site("defecation", limits_m, self.defecation(), true)));
         if let Some(span_m) = span_of(tract, &[Sigmoid, Rectum]) {
-            sites.push(site("retrograde", span_m, self.retrograde(), false));
+            sites.push(Site { bursts, ..site("retrograde", span_m, self.retrograde(), false) });
         }
+    }
+
+    /// Defecations, of a tract with a way out: in full strength to the end, beyond which they fade.
+    fn defecations(&self, tract: &Tract, site: Site) -> Option<Site> {
+        use SegmentKey::{Ascending, Caecum, Rectum, Sigmoid};
+        let [first_m, end_m] = span_of(tract, &[Sigmoid, Rectum])?;
+        // Emptied at most: all but four fifths of caecum and ascending colon; at least: three fifths of sigmoid and rectum.
+        let highest_m = match span_of(tract, &[Caecum, Ascending]) {
+            Some([start_m, end_m]) => end_m - 0.19 * (end_m - start_m),
+            None => site.limits_m[0].min(first_m),
+        };
+        let lowest_m = end_m - 0.6 * (end_m - first_m);
+        // In full strength where it begins, too: it rises before.
+        let run_m = (end_m - highest_m) / (1.0 - 2.0 * RAMP_FRACTION);
+        let places_m = [highest_m, first_m, lowest_m].map(|place_m| place_m - RAMP_FRACTION * run_m);
+        Some(Site {
+            origins: Some(Origins { places_m, first_part: 0.5 }),
+            limits_m: [places_m[0], places_m[0] + run_m],
+            rhythm: Rhythm { run_m: [run_m; 2], ..site.rhythm },
+            ..site
+        })
     }
 }
 
@@ -589,7 +656,8 @@ impl MotilityConfig {
             let limits_m = small_bowel(tract).unwrap_or(span_m);
             let (name, whole) = (segment.key.to_string(), false);
             let organ = Organ::SmallBowel;
-            sites.push(Site { name, organ, span_m, limits_m, rhythm, front_delay_s, whole });
+            let (origins, bursts) = (None, None);
+            sites.push(Site { name, organ, span_m, limits_m, rhythm, front_delay_s, whole, origins, bursts });
         }
         self.colon.sites(tract, &mut sites);
         sites
@@ -609,6 +677,8 @@ impl MotilityConfig {
             rhythm: Rhythm { run_m, ..rhythm },
             front_delay_s: None,
             whole: true,
+            origins: None,
+            bursts: None,
         })
     }
 }

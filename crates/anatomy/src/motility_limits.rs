@@ -23,6 +23,11 @@ const DURATIONS_S: [f64; 2] = [1e-3, 1e6];
 const LATEST_S: f64 = 1e9;
 /// Periods of the migrating motor complex, s.
 const PERIODS_S: [f64; 2] = [60.0, 1e6];
+/// Part of the time in bursts: for none there is the rate; and their length, s.
+const LEAST_BURSTS: f64 = 1e-3;
+const BURSTS_S: [f64; 2] = [1.0, 1e6];
+/// Defecations per day: one runs for a minute or two.
+const MOST_DEFECATIONS: f64 = 100.0;
 /// Waves of one cell that may run at a time, on average: a stomach has three.
 const MOST_AT_ONCE: f64 = 20.0;
 
@@ -134,6 +139,9 @@ impl MotilityConfig {
         for (index, fault) in self.fault.iter().enumerate() {
             fault.check().map_err(|error| AnatomyError::InFault { index, error: Box::new(error) })?;
         }
+        for (index, meal) in self.meal.iter().enumerate() {
+            meal.check().map_err(|error| AnatomyError::InMeal { index, error: Box::new(error) })?;
+        }
         among("mmc.period_s", self.mmc.period_s.0, PERIODS_S)?;
         let sum: f64 = self.mmc.fractions.iter().map(|fraction| fraction.0).sum();
         in_range("mmc.fractions (their sum)", sum, 0.999, 1.001)?;
@@ -164,6 +172,9 @@ impl MotilityConfig {
         in_range(MASS.rate, colon.mass_rate_per_day.0, 0.0, 86_400.0 * FASTEST_HZ)?;
         check_rhythm(&MASS, &colon.mass())?;
         in_range("colon.mass_flattens_ahead_m", colon.mass_flattens_ahead_m.0, 0.0, RUNS_M[1])?;
+        in_range("colon.burst_fraction", colon.burst_fraction.0, LEAST_BURSTS, 1.0)?;
+        among("colon.burst_s", colon.burst_s.0, BURSTS_S)?;
+        in_range("colon.defecation_rate_per_day", colon.defecation_rate_per_day.0, 0.0, MOST_DEFECATIONS)?;
         check_rhythm(&RETROGRADE, &colon.retrograde())
     }
 }

@@ -10,7 +10,9 @@
 //! open. Which waves do is drawn from the stream (`pylorus`, number of
 //! the wave): with a fixed part p of them a capsule that is carried to the pylorus by every wave leaves after a geometrically distributed number.
 //!
-//! Neglected: coordination with the duodenum, that it lets small things through while it is closed, the fed stomach's retention of large ones.
+//! While a meal is digested ([`crate::motility::meal`]) no wave opens it to something as large as a capsule.
+//!
+//! Neglected: coordination with the duodenum, that it lets small things through while it is closed.
 
 use crate::motility::{Wave, WaveInstant, smooth_step, uniform};
 use crate::motility_config::PylorusConfig;
@@ -48,13 +50,19 @@ impl Gate {
         })
     }
 
-    /// An antral wave has started: it opens the gate before it arrives, or does not.
-    pub(crate) fn schedule_opening(&mut self, wave: &Wave, sequence: u64, streams: &RandomStreams) {
+    /// An antral wave has started: it opens the gate before it arrives, or does not (never while a meal is digested).
+    pub(crate) fn schedule_opening(
+        &mut self,
+        wave: &Wave,
+        sequence: u64,
+        streams: &RandomStreams,
+        is_fed: bool,
+    ) {
         let over_s = wave.start_time_s - self.open_s;
         while self.openings_s.front().is_some_and(|middle_s| *middle_s < over_s) {
             self.openings_s.pop_front();
         }
-        if uniform(&mut streams.stream("pylorus", sequence)) < self.opening_fraction {
+        if !is_fed && uniform(&mut streams.stream("pylorus", sequence)) < self.opening_fraction {
             let way_m = self.place_m - self.ahead_m - wave.start_arc_length_m;
             self.openings_s.push_back(wave.start_time_s + way_m / wave.speed_m_s);
         }
@@ -129,7 +137,7 @@ mod tests {
     fn law_it_opens_before_the_wave_arrives_and_its_rate_is_the_derivative() {
         let mut gate = gate(1.0);
         assert_eq!((gate.at(3.0).weight, gate.at(3.0).weight_rate_per_s), (0.9, 0.0));
-        gate.schedule_opening(&wave(100.0), 1, &RandomStreams::new(1, 0, "m"));
+        gate.schedule_opening(&wave(100.0), 1, &RandomStreams::new(1, 0, "m"), false);
         // 100 mm from the pacemaker to 20 mm before the pylorus.
         let middle_s = 100.0 + 0.1 / 0.0024;
         assert!(gate.at(middle_s).weight.abs() < 1e-12);
@@ -149,7 +157,7 @@ mod tests {
         let waves = 4000;
         for k in 0..waves {
             let before = gate.openings_s.back().copied();
-            gate.schedule_opening(&wave(19.0 * k as f64), k, &streams);
+            gate.schedule_opening(&wave(19.0 * k as f64), k, &streams, false);
             opened += u32::from(gate.openings_s.back().is_some_and(|last| before != Some(*last)));
             assert!(gate.openings_s.len() < 8);
         }

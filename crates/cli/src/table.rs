@@ -3,8 +3,9 @@
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
 use lumenav::evaluation::plausibility::SpeedFigures;
-use lumenav::report::{Metrics, PairDistance, PeriodFigures, Timing, TrackMetrics, Trials};
+use lumenav::report::{Metrics, MotionFigures, PairDistance, PeriodFigures, Timing, TrackMetrics, Trials};
 use lumenav::reproduce;
+use std::collections::BTreeMap;
 
 fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
@@ -121,10 +122,52 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
             moved.travel_mm
         );
     }
+    if let Some(motion) = &metrics.motion {
+        text = format!("{text}\n{}", of_segments(motion, &metrics.tracks));
+    }
     for line in expectations(metrics) {
         text = format!("{text}\n{line}");
     }
     text
+}
+
+/// A time in the unit in which it has two or three digits.
+fn time(seconds: f64) -> String {
+    match seconds {
+        s if s < 120.0 => format!("{s:.1} s"),
+        s if s < 7200.0 => format!("{:.1} min", s / 60.0),
+        s => format!("{:.2} h", s / 3600.0),
+    }
+}
+
+/// A segment per row: how long and how fast the capsule went through it, and what each track knew of it there.
+fn of_segments(motion: &MotionFigures, tracks: &BTreeMap<String, TrackMetrics>) -> String {
+    let mut table = fitting(presets::UTF8_HORIZONTAL_ONLY);
+    let head = ["segment", "time", "way mm", "p95 mm/s", "in bursts"].map(str::to_owned);
+    table.set_header(head.into_iter().chain(tracks.keys().map(|name| format!("{name} mean (p95) mm"))));
+    for segment in &motion.segments {
+        // Where it still is when the run ends, the time is no transit time.
+        let more = if segment.passed { "" } else { "+" };
+        let cells = [
+            segment.segment.clone(),
+            format!("{}{more}", time(segment.time_s)),
+            number(Some(segment.way_mm), 0),
+            number(segment.speed_mm_s.map(|s| s.p95), 2),
+            segment.burst_share.map_or_else(|| "-".to_owned(), |share| format!("{:.0} %", 100.0 * share)),
+        ];
+        let errors = tracks.values().map(|track| {
+            let found = track.segments.iter().find(|one| one.segment == segment.segment);
+            let error = found.and_then(|one| one.position_error_mm);
+            error.map_or_else(|| "-".to_owned(), |e| format!("{:.2} ({:.2})", e.mean, e.p95))
+        });
+        table.add_row(cells.into_iter().chain(errors));
+    }
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    format!(
+        "{table}\nin bursts: part of the way that the fastest twentieth of the time makes; +: still there at the end"
+    )
 }
 
 /// The errors of a stretch of the run, in words.

@@ -190,6 +190,16 @@ impl Quantiles {
             .collect()
     }
 
+    /// Part of the sum that the largest `part` of the values make (their number rounded down); `None` where the sum is not above 0.
+    pub fn share_of_largest(&mut self, part: f64) -> Option<f64> {
+        self.sort();
+        let largest = (part.clamp(0.0, 1.0) * self.sorted.len() as f64) as usize;
+        let mut sum = CompensatedSum::default();
+        self.sorted.iter().rev().take(largest).for_each(|value| sum.add(*value));
+        let all = self.mean()? * self.count() as f64;
+        (all > 0.0).then(|| sum.value() / all)
+    }
+
     fn sort(&mut self) {
         if !self.blocks.is_empty() {
             self.sorted.reserve_exact(self.count() - self.sorted.len());
@@ -253,6 +263,15 @@ mod tests {
         assert_eq!(summary.max, 100.0);
         assert_eq!(quantiles.share_within(20.0), Some(0.2));
         assert_eq!(quantiles.cumulative_distribution(3), vec![(1.0, 0.0), (50.5, 0.5), (100.0, 1.0)]);
+    }
+
+    #[test]
+    fn closed_form_the_largest_twentieth() {
+        // 95 times 0.1 and five times 10.
+        let mut quantiles: Quantiles = (0..100).map(|k| if k % 20 == 7 { 10.0 } else { 0.1 }).collect();
+        assert_relative_eq!(quantiles.share_of_largest(0.05).unwrap(), 50.0 / 59.5, max_relative = 1e-12);
+        assert_eq!(quantiles.share_of_largest(0.0), Some(0.0));
+        assert_eq!([0.0, 0.0].into_iter().collect::<Quantiles>().share_of_largest(0.5), None);
     }
 
     #[test]

@@ -23,6 +23,7 @@ mod log;
 mod manifest;
 mod mcap;
 mod metrics;
+mod motion;
 mod parquet_table;
 mod readings;
 mod row;
@@ -44,6 +45,7 @@ pub use metrics::{
     AxisError, DRIFT_SPAN_M, Expectations, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures,
     PairDistance, PerAxis, PeriodFigures, RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
 };
+pub use motion::{MotionFigures, SPEED_CLASSES_MM_S, SegmentErrors, SegmentMotion};
 pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
 pub use timing::{Timing, TimingObserver, TrackTiming};

@@ -15,6 +15,7 @@
 use crate::error::ReportError;
 use crate::file::write_json;
 use crate::log::refusal_reason;
+use crate::motion::{ErrorsBySegment, Motion, MotionFigures, SegmentErrors};
 use lumenav_core::{Name, SimTime};
 use lumenav_evaluation::bound::EfficiencyAccumulator;
 use lumenav_evaluation::bounded::BoundedQuantiles;
@@ -59,6 +60,9 @@ pub struct Metrics {
     /// How far the controllers moved their sensors; absent where there are none.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub controllers: BTreeMap<String, ControllerMetrics>,
+    /// How the capsule moved along the tract; absent where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionFigures>,
     /// What the scenario expects of the motion (`[expect]`), checked.
     #[serde(default)]
     pub expected: Expectations,
@@ -175,6 +179,9 @@ pub struct TrackMetrics {
     /// The same over stretches of the run that the scenario names (`[[period]]`).
     #[serde(default)]
     pub periods: BTreeMap<String, PeriodFigures>,
+    /// The same over the segments of a tract, in the order in which they were entered.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub segments: Vec<SegmentErrors>,
 }
 
 /// Errors over a stretch of the run.
@@ -294,6 +301,7 @@ struct Collector {
     instants: u64,
     instants_fresh: u64,
     periods: Vec<PeriodCollector>,
+    segments: ErrorsBySegment,
 }
 
 impl Collector {
@@ -321,6 +329,7 @@ impl Collector {
             instants: 0,
             instants_fresh: 0,
             periods: periods.iter().map(PeriodCollector::new).collect(),
+            segments: ErrorsBySegment::default(),
         }
     }
 
@@ -361,6 +370,7 @@ impl Collector {
             period.position_mm.push(mm.norm());
             period.heading_deg.extend(error.heading_rad.map(f64::to_degrees));
         }
+        self.segments.see(truth.segment.as_deref(), mm.norm(), error.heading_rad.map(f64::to_degrees));
         self.attitude_deg.extend(error.attitude_rad.map(f64::to_degrees));
         self.along_tract_mm.extend(error.along_tract_m.map(|m| 1e3 * m.abs()));
         if let Some(bound_m2) = error.bound_position_m2 {
@@ -456,6 +466,7 @@ impl Collector {
             latency_ms: self.latency_ms.summary(),
             time_to_first_fix_s: self.first_available.map(SimTime::seconds),
             periods: self.periods.iter_mut().map(|p| (p.period.name.clone(), p.figures())).collect(),
+            segments: self.segments.figures(),
         }
     }
 }
@@ -549,6 +560,7 @@ pub struct MetricsObserver {
     sensors: BTreeMap<Name, SensorMetrics>,
     controllers: BTreeMap<Name, Watched>,
     plausibility: Plausibility,
+    motion: Motion,
     last: SimTime,
     result: Option<Metrics>,
 }
@@ -582,6 +594,7 @@ impl MetricsObserver {
         match event {
             RunEvent::Truth(truth) => {
                 self.last = self.last.max(truth.at);
+                self.motion.see(truth.at, truth.arc_length_m, truth.segment.as_deref());
                 if !is_replay {
                     self.instant(truth.at);
                 }
@@ -634,6 +647,7 @@ impl MetricsObserver {
                 .iter()
                 .map(|(name, seen)| (name.to_string(), seen.figures))
                 .collect(),
+            motion: self.motion.figures(),
             expected: self.plausibility.expectations(),
         };
         if let Some(path) = &self.path {

@@ -1,4 +1,4 @@
-//! A reproduction from the library, without the program: `cargo run --release -p lumenav-reproduce --example one -- ID [quick]`.
+//! A reproduction from the library, without the program: `cargo run --release -p lumenav-reproduce --example one -- ID [quick|full] [SEED]`.
 //! Prints the JSON and writes nothing.
 
 use lumenav_core::ModelFolder;
@@ -26,11 +26,18 @@ impl Executor for Threads {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let id = arguments.next().ok_or("which? for example than2015/rates")?;
-    let size = if arguments.next().is_some() { Size::Quick } else { Size::Full };
+    let size = if arguments.next().is_some_and(|size| size == "quick") { Size::Quick } else { Size::Full };
+    let seed: Option<u64> = arguments.next().map(|seed| seed.parse()).transpose()?;
     let reproduction = find(&id).ok_or("there is no such reproduction")?;
     let models = ModelFolder::new("models");
     let show = |p: Progress<'_>| eprintln!("{}: {} of {}", p.stage, p.done, p.jobs);
-    let context = Context::new(&models, reproduction.seeds(None, size), size, &Threads).watched(&show);
+    let context = Context::new(
+        &models,
+        reproduction.seeds(seed.as_ref().map(std::slice::from_ref), size),
+        size,
+        &Threads,
+    )
+    .watched(&show);
     let table = reproduction.run(&context)?;
     print!("{}", table.to_json()?);
     eprintln!("{}", table.tally());

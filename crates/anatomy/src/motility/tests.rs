@@ -232,6 +232,7 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
             "[[motility.fault]]\nkind = \"ileus\"\nstart_s = 9\nend_s = 8",
             "scenario.toml:4:9: `motility.fault[0].end_s`: fault 1",
         ),
+        ("[[motility.meal]]\nstart_s = 1e12", "scenario.toml:2:11: `motility.meal[0].start_s`: meal 1"),
     ] {
         let node = Node::parse_text(text, "scenario.toml", Path::new(""), &[]).unwrap();
         let motility = node.child_or_empty("motility");
@@ -259,6 +260,122 @@ fn whole_gut() -> Tract {
     draft.build().unwrap().0
 }
 
+/// All events of one cell of `motility` until `end_s`.
+fn events(motility: &mut Motility, cell: &str, end_s: f64) -> Vec<Wave> {
+    let found = motility.cells.iter_mut().find(|c| c.name == cell);
+    let cell = found.unwrap_or_else(|| panic!("no cell {cell}"));
+    let mut all = Vec::new();
+    while cell.next_time_s < end_s {
+        all.extend(cell.fire(&motility.streams, &motility.cycle));
+    }
+    all
+}
+
+#[test]
+fn law_haustra_contract_in_bursts() {
+    let config = MotilityConfig::default();
+    let mut motility = Motility::new(&config, &whole_gut(), &streams(2)).unwrap();
+    let days = 10.0;
+    let all = events(&mut motility, "haustra/transverse/3", days * 86_400.0);
+    // A fifth of the time, 3 per minute then. One burst in each 1500 s: 576 of them.
+    let expected = days * 86_400.0 * 0.05 * 0.2;
+    assert!((all.len() as f64 / expected - 1.0).abs() < 0.03, "{} of {expected}", all.len());
+    let mut bursts = vec![0_u32; (days * 86_400.0 / 1500.0) as usize];
+    for wave in &all {
+        bursts[(wave.start_time_s / 1500.0) as usize] += 1;
+    }
+    // 15 in the mean, 20 to 7 as the dead time of half an interval allows.
+    assert!(bursts.iter().all(|n| (5..=28).contains(n)), "{bursts:?}");
+    // Cells of one segment burst together.
+    let neighbour = events(&mut motility, "haustra/transverse/4", 86_400.0);
+    let together = |wave: &Wave| all.iter().any(|a| (a.start_time_s - wave.start_time_s).abs() < 60.0);
+    assert!(neighbour.iter().all(together));
+    let always = MotilityConfig {
+        colon: crate::motility_config::ColonConfig { burst_fraction: Fraction(1.0), ..config.colon.clone() },
+        ..config
+    };
+    let mut motility = Motility::new(&always, &whole_gut(), &streams(2)).unwrap();
+    let all = events(&mut motility, "haustra/transverse/3", 86_400.0);
+    assert!((all.len() as f64 / (86_400.0 * 0.05) - 1.0).abs() < 0.03, "{}", all.len());
+}
+
+#[test]
+fn law_mass_movements_arise_in_the_proximal_colon() {
+    let tract = whole_gut();
+    let mut motility = Motility::new(&MotilityConfig::default(), &tract, &streams(2)).unwrap();
+    let all = events(&mut motility, "mass/0", 200.0 * 86_400.0);
+    assert!((all.len() as f64 / 4800.0 - 1.0).abs() < 0.06, "{} in 200 days", all.len());
+    let caecum_m = tract.segment(SegmentKey::Caecum).unwrap().start_m;
+    let last_m = tract.segment(SegmentKey::Descending).unwrap().end_m;
+    let caecal = all.iter().filter(|wave| wave.start_arc_length_m < caecum_m);
+    let (mut count, mut full) = (0, true);
+    for wave in caecal {
+        count += 1;
+        // In full strength when its centre comes into the caecum.
+        let time_s = wave.start_time_s + (caecum_m - wave.start_arc_length_m) / wave.speed_m_s;
+        full &= wave.at(time_s).envelope > 0.999;
+    }
+    assert!(full && (f64::from(count) / all.len() as f64 - 0.3).abs() < 0.03, "{count} of {}", all.len());
+    assert!(all.iter().all(|wave| wave.start_arc_length_m <= last_m && wave.speed_m_s > 0.0));
+}
+
+#[test]
+fn published_defecations_empty_what_scintigraphy_saw() {
+    // In the median 99 % of sigmoid and rectum, at least 60 % of them, at most all but four fifths of caecum and ascending colon.
+    let tract = whole_gut();
+    let mut motility = Motility::new(&MotilityConfig::default(), &tract, &streams(2)).unwrap();
+    let all = events(&mut motility, "defecation/0", 400.0 * 86_400.0);
+    assert!((all.len() as f64 / 400.0 - 1.0).abs() < 0.1, "{} in 400 days", all.len());
+    let sigmoid_m = tract.segment(SegmentKey::Sigmoid).unwrap().start_m;
+    let end_m = tract.length_m();
+    let ascending_m = tract.segment(SegmentKey::Ascending).unwrap().end_m;
+    // Where it is in full strength first: a wave takes 15 % of its time to rise.
+    let ramp_m = 0.15 * (end_m - (ascending_m - 0.19 * 0.4)) / 0.7;
+    let mut starts_m: Vec<f64> = all.iter().map(|wave| wave.start_arc_length_m + ramp_m).collect();
+    starts_m.sort_by(f64::total_cmp);
+    let (first, middle, last) = (starts_m[0], starts_m[starts_m.len() / 2], starts_m[starts_m.len() - 1]);
+    assert!(first >= ascending_m - 0.19 * 0.4 - 1e-9 && first < ascending_m, "{first}");
+    assert!((middle - sigmoid_m).abs() < 0.05, "{middle}, {sigmoid_m}");
+    assert!(last <= end_m - 0.6 * (end_m - sigmoid_m) + 1e-9, "{last}");
+    for wave in &all {
+        let at = |place_m: f64| wave.start_time_s + (place_m - wave.start_arc_length_m) / wave.speed_m_s;
+        assert!(wave.at(at(end_m)).envelope > 0.999, "it fades before the end");
+        assert!(wave.at(at(wave.start_arc_length_m + ramp_m)).envelope > 0.99, "it rises too late");
+    }
+}
+
+#[test]
+fn law_a_meal_interrupts_the_motor_complex() {
+    // Phase I from 90 s on for almost an hour; a meal in the middle of it.
+    let mut config = MotilityConfig::default();
+    config.mmc.start_phase = Some(Fraction(0.99));
+    let tract = whole_gut();
+    config.meal = parse("[[motility.meal]]\nstart_s = 600\nduration_s = 600").unwrap().meal;
+    config.pylorus.opening_fraction = Fraction(1.0);
+    let duodenum = tract.segment(SegmentKey::Duodenum).unwrap().clone();
+    let in_it = |wave: &&Wave| (duodenum.start_m..duodenum.end_m).contains(&wave.start_arc_length_m);
+    let all = waves(Motility::new(&config, &tract, &streams(1)).unwrap(), 1800.0, 0.5);
+    let between = |low: f64, high: f64| {
+        all.iter().filter(|wave| (low..high).contains(&wave.start_time_s)).filter(in_it).collect::<Vec<_>>()
+    };
+    assert_eq!((between(90.0, 600.0).len(), between(1200.0, 1800.0).len()), (0, 0));
+    let fed = between(600.0, 1200.0);
+    assert!(fed.len() > 15, "{}", fed.len());
+    // Amplitudes are drawn from 0.85 to 1.15 of the usual.
+    let largest = fed.iter().map(|wave| wave.amplitude[0]).fold(0.0, f64::max);
+    assert!(largest <= 1.15 * 0.9 * config.duodenum.amplitude[0].0 + 1e-9, "{largest}");
+    // The stomach goes on, but nothing opens the pylorus.
+    let mut motility = Motility::new(&config, &tract, &streams(1)).unwrap();
+    let mut openings = |time_s: f64| {
+        motility.advance_to(time_s);
+        let waves = motility.active().iter().filter(|wave| wave.speed_m_s == 0.0024).count();
+        (waves > 0, motility.gate().unwrap().openings_s.len())
+    };
+    assert!(matches!(openings(580.0), (true, 1..)));
+    assert_eq!(openings(1190.0), (true, 0));
+    assert!(matches!(openings(1500.0), (true, 1..)));
+}
+
 /// Changes the number at `place` (counted over all numbers and flags); `false` where there are no more.
 fn change_one(value: &mut toml::Value, place: &mut usize) -> bool {
     match value {
@@ -284,7 +401,7 @@ fn change_one(value: &mut toml::Value, place: &mut usize) -> bool {
 #[test]
 fn law_the_fingerprint_tells_every_key_apart() {
     let tract = whole_gut();
-    let text = "[[motility.wave]]\nstart_time_s = 5\nrun_m = 0.3\n[motility.mmc]\nstart_phase = 0.4";
+    let text = "[[motility.wave]]\nstart_time_s = 5\nrun_m = 0.3\n[[motility.meal]]\n[motility.mmc]\nstart_phase = 0.4";
     let base = parse(text).unwrap();
     let print =
         |config: &MotilityConfig| Motility::new(config, &tract, &streams(1)).unwrap().fingerprint_text();

@@ -9,6 +9,7 @@ use crate::ReproduceError;
 use crate::context::Context;
 use crate::table::{NamedFigure, Row, Table};
 use crate::verdict::{Sense, Tolerance};
+use lumenav_evaluation::summary::Quantiles;
 use lumenav_figures::{Axis, Figure, Panel, Series};
 
 /// Persons: full and quick.
@@ -32,13 +33,11 @@ impl Speeds {
             .windows(2)
             .map(|pair| 1e3 * (pair[1].arc_length_m - pair[0].arc_length_m))
             .collect();
-        let mut each_mm_s: Vec<f64> = steps.iter().map(|step| step.abs()).collect();
-        each_mm_s.sort_by(f64::total_cmp);
+        let each_mm_s: Vec<f64> = steps.iter().map(|step| step.abs()).collect();
         let all: f64 = each_mm_s.iter().sum();
-        let bursts = (BURSTS * each_mm_s.len() as f64) as usize;
-        let fast: f64 = each_mm_s.iter().rev().take(bursts).sum();
         let back: f64 = steps.iter().filter(|step| **step < 0.0).map(|step| -step).sum();
-        Self { burst_share: fast / all, backward_share: back / all, each_mm_s }
+        let burst_share = each_mm_s.iter().copied().collect::<Quantiles>().share_of_largest(BURSTS);
+        Self { burst_share: burst_share.unwrap_or(f64::NAN), backward_share: back / all, each_mm_s }
     }
 }
 

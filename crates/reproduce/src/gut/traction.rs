@@ -1,7 +1,7 @@
 //! The force with which contractions of the jejunum pull at a body that is held.
 //!
 //! A capsule is held at its place along a straight jejunum of 7.5 mm by a spring so stiff that it gives way by less than a millimetre, while the
-//! drawn contractions of phase II or III run over it. An event is a stretch of time in which the aboral force is above 20 mN; its
+//! drawn contractions of phase II, phase III or a meal run over it. An event is a stretch of time in which the aboral force is above 20 mN; its
 //! value is the peak.
 
 use super::TUNED;
@@ -11,6 +11,7 @@ use crate::context::Context;
 use crate::table::{NamedFigure, Row, Table};
 use crate::verdict::{Sense, Tolerance};
 use lumenav_anatomy::motility::Motility;
+use lumenav_anatomy::motility::meal::MealConfig;
 use lumenav_anatomy::motility_config::MotilityConfig;
 use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::{End, SegmentPoints, Tract, TractDraft};
@@ -32,21 +33,22 @@ const HOLD_NEWTON_S_PER_M: f64 = 0.3;
 /// Above this a pull is an event, N.
 const EVENT_N: f64 = 0.02;
 
-/// Part of the full rate in phase II, and III.
-const PHASES: [(&str, f64, f64); 2] = [("phase II", 0.2, 74.0), ("phase III", 1.0, 91.0)];
+/// Part of the full rate in phases II and III, `None` while a meal is digested; published traction, mN.
+const STATES: [(&str, Option<f64>, f64); 3] =
+    [("phase II", Some(0.2), 74.0), ("phase III", Some(1.0), 91.0), ("fed", None, 58.0)];
 
 /// Runs it.
 pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, ReproduceError> {
     let runs = context.size.pick(RUNS.0, RUNS.1);
     let seed = context.seeds.first().copied().unwrap_or(1);
-    table.set("set-up", format!("capsule of 11 x 26 mm held by {HOLD_NEWTON_PER_M} N/m in a straight jejunum of 7.5 mm; {runs} runs of 10 min per phase"));
+    table.set("set-up", format!("capsule of 11 x 26 mm held by {HOLD_NEWTON_PER_M} N/m in a straight jejunum of 7.5 mm; {runs} runs of 10 min per state"));
     table.set("event", "aboral force above 20 mN; its peak");
     table.set("tuned", TUNED);
     let mut panel = Panel::new(
         Axis::linear("peak of the aboral force (mN)"),
         Axis::linear("share of the events").at_least(0.0, 1.0),
     );
-    for (k, (name, rate, published_mn)) in PHASES.into_iter().enumerate() {
+    for (k, (name, rate, published_mn)) in STATES.into_iter().enumerate() {
         let peaks = context.jobs(name, runs, |run| peaks_n(seed, run as u64, rate))?;
         let mut all_mn: Vec<f64> = peaks.into_iter().flatten().map(|n| 1e3 * n).collect();
         all_mn.sort_by(f64::total_cmp);
@@ -100,10 +102,13 @@ fn jejunum() -> Result<Arc<Tract>, ReproduceError> {
 }
 
 /// Peaks of the aboral force of all events of a run, N.
-fn peaks_n(seed: u64, run: u64, rate: f64) -> Result<Vec<f64>, ReproduceError> {
+fn peaks_n(seed: u64, run: u64, rate: Option<f64>) -> Result<Vec<f64>, ReproduceError> {
     let tract = jejunum()?;
     let mut config = MotilityConfig::default();
-    config.mmc.rate_factor = [Fraction(rate); 3];
+    match rate {
+        Some(rate) => config.mmc.rate_factor = [Fraction(rate); 3],
+        None => config.meal.push(MealConfig::default()),
+    }
     let streams = RandomStreams::new(seed, run, "traction");
     let motility = Motility::new(&config, &tract, &streams).map_err(ReproduceError::of_part("jejunum"))?;
     let config =

@@ -33,9 +33,10 @@ impl Valve {
         self.passed.then_some(self.end)
     }
 
-    /// Closes behind a capsule that has passed; lets one go that is back on the other side (put there, or pressed through).
+    /// Closes behind a capsule that has passed; lets one go that is wholly back on the other side (put there, or pressed through). Between
+    /// the two it stays as it was: in a wide caecum the projection onto a bent centre line wanders by a few millimetres.
     pub(super) fn look(&mut self, arc_length_m: f64, half_length_m: f64) {
         let beyond_m = arc_length_m - self.end.arc_length_m;
-        self.passed = if self.passed { beyond_m > 0.0 } else { beyond_m > half_length_m };
+        self.passed = if self.passed { beyond_m > -half_length_m } else { beyond_m > half_length_m };
     }
 }
