@@ -7,8 +7,8 @@ use lumenav::anatomy::motility::Motility;
 use lumenav::anatomy::motility_config::MotilityConfig;
 use lumenav::anatomy::tract::Tract;
 use lumenav::anatomy::tract_file::{self, TractOptions};
-use lumenav::core::{CapsuleBody, Node, RandomStreams};
-use lumenav::scenario::engine::{EngineConfig, FuzzReport, fuzz_inside_lumen};
+use lumenav::core::{CapsuleBody, Node, RandomStreams, SimTime};
+use lumenav::scenario::engine::{Engine, EngineConfig, FuzzReport, fuzz_inside_lumen};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,6 +17,10 @@ use std::sync::Arc;
 /// Fuzzed runs of half an hour, over the shipped guts in turn.
 const FUZZED: u64 = 200;
 const FUZZED_S: f64 = 1800.0;
+/// Runs that are compared bit by bit.
+const COMPARED: u64 = 12;
+/// The capsule of all rows: a PillCam.
+const CAPSULE: CapsuleBody = CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.0033 };
 /// Seeds of generated guts, sizes in turn.
 const GENERATED: u64 = 1000;
 
@@ -60,6 +64,12 @@ pub fn rows(sheet: &mut Sheet) {
         fuzzed,
     );
     sheet.row(
+        "3 same bytes",
+        "in this program: 12 runs of 30 min on one thread, on two, and across a checkpoint after ten minutes",
+        "the last state is the same, bit by bit",
+        same_bytes,
+    );
+    sheet.row(
         "4 generated tracts",
         "in this program: whole guts of seeds 1000 to 1999, three sizes in turn",
         "no overlap over 1,000 seeds, or the seed refused with the reason",
@@ -91,7 +101,6 @@ fn shipped(size: BodySize) -> Result<Arc<Tract>, String> {
 
 fn fuzzed() -> Outcome {
     let tracts = BodySize::ALL.map(shipped).into_iter().collect::<Result<Vec<_>, _>>()?;
-    let capsule = CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.0033 };
     let reports = on_two_threads(FUZZED, |seed| {
         let tract = &tracts[(seed % 3) as usize];
         // The shipped guts are of the kinds that the default motility knows.
@@ -99,7 +108,7 @@ fn fuzzed() -> Outcome {
             Motility::new(&MotilityConfig::default(), tract, streams).unwrap_or_else(|e| panic!("{e}"))
         };
         let config = EngineConfig::default();
-        fuzz_inside_lumen(seed..seed + 1, FUZZED_S, &config, tract, capsule, make).map_err(|e| e.to_string())
+        fuzz_inside_lumen(seed..seed + 1, FUZZED_S, &config, tract, CAPSULE, make).map_err(|e| e.to_string())
     })?;
     let all = reports.iter().skip(1).fold(reports[0], FuzzReport::and);
     let FuzzReport {
@@ -111,6 +120,62 @@ fn fuzzed() -> Outcome {
         1e3 * worst_excess_m
     );
     Ok((figure, all.inside() && untold_stalls == 0))
+}
+
+/// A capsule somewhere in a shipped gut with motility of its own.
+fn engine(tracts: &[Arc<Tract>], seed: u64) -> Result<Engine, String> {
+    let tract = &tracts[(seed % 3) as usize];
+    let mut config = EngineConfig::default();
+    config.start_arc_length_m.0 = tract.length_m() * (seed as f64 + 0.5) / COMPARED as f64;
+    let streams = RandomStreams::new(seed, 0, "motility");
+    let motility = Motility::new(&MotilityConfig::default(), tract, &streams).map_err(|e| e.to_string())?;
+    Engine::new(config, tract.clone(), motility, CAPSULE).map_err(|e| e.to_string())
+}
+
+fn same_bytes() -> Outcome {
+    let tracts = BodySize::ALL.map(shipped).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let end = SimTime::from_seconds(FUZZED_S);
+    let through = |seed| {
+        let mut engine = engine(&tracts, seed)?;
+        engine.advance_to(end);
+        Ok(engine.snapshot())
+    };
+    let resumed = |seed| {
+        let mut before = engine(&tracts, seed)?;
+        before.advance_to(SimTime::from_seconds(FUZZED_S / 3.0));
+        let mut after = engine(&tracts, seed)?;
+        after.restore(&before.snapshot()).map_err(|e| e.to_string())?;
+        after.advance_to(end);
+        Ok(after.snapshot())
+    };
+    let one: Vec<Vec<u8>> = (0..COMPARED).map(through).collect::<Result<_, String>>()?;
+    let two = on_two_threads_in_order(COMPARED, through)?;
+    let again = on_two_threads_in_order(COMPARED, resumed)?;
+    // Runs in which nothing happens would be alike whatever is wrong.
+    let places_m = on_two_threads(COMPARED, |seed| {
+        let mut engine = engine(&tracts, seed)?;
+        let start_m = engine.state().arc_length_m;
+        engine.advance_to(end);
+        Ok((engine.state().arc_length_m - start_m).abs())
+    })?;
+    let moved = places_m.iter().filter(|way_m| **way_m > 1e-3).count();
+    let same = |other: &[Vec<u8>]| one.iter().zip(other).filter(|(a, b)| a == b).count();
+    let figure = format!(
+        "of {COMPARED} runs {} end alike on two threads, {} across a checkpoint; {moved} went further than a millimetre",
+        same(&two),
+        same(&again)
+    );
+    Ok((figure, one == two && one == again && 2 * moved >= one.len()))
+}
+
+/// As [`on_two_threads`], in the order of the numbers.
+fn on_two_threads_in_order<T: Send>(
+    count: u64,
+    of: impl Fn(u64) -> Result<T, String> + Sync,
+) -> Result<Vec<T>, String> {
+    let mut all = on_two_threads(count, |k| Ok((k, of(k)?)))?;
+    all.sort_by_key(|(k, _)| *k);
+    Ok(all.into_iter().map(|(_, one)| one).collect())
 }
 
 fn generated() -> Outcome {
