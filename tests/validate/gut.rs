@@ -4,11 +4,16 @@ use crate::row::{Outcome, Sheet};
 use crate::tools::{lumenav, root, run};
 use lumenav::anatomy::generator::{BodySize, WholeGutRequest, whole_gut};
 use lumenav::anatomy::motility::Motility;
+use lumenav::anatomy::motility::fault::{FaultConfig, FaultKind};
+use lumenav::anatomy::motility::meal::MealConfig;
 use lumenav::anatomy::motility_config::MotilityConfig;
 use lumenav::anatomy::tract::Tract;
 use lumenav::anatomy::tract_file::{self, TractOptions};
+use lumenav::core::config::quantity::{Finite, Fraction, NonNegative};
 use lumenav::core::{CapsuleBody, Node, RandomStreams, SimTime};
 use lumenav::scenario::engine::{Engine, EngineConfig, FuzzReport, fuzz_inside_lumen};
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::Rng as _;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -59,7 +64,7 @@ pub fn rows(sheet: &mut Sheet) {
     }
     sheet.row(
         "3 fuzzed runs",
-        "in this program: 200 runs of 30 min spread over the shipped guts, each with motility of its own",
+        "in this program: 200 runs of 30 min spread over the shipped guts, each with rates, speeds, amplitudes, posture, meals and faults of its own",
         "inside the lumen (3 mm), all finite, no stall that is not an event",
         fuzzed,
     );
@@ -99,15 +104,64 @@ fn shipped(size: BodySize) -> Result<Arc<Tract>, String> {
     Ok(Arc::new(tract_file::load(&node, &all).map_err(|e| e.to_string())?.0))
 }
 
+/// A number in [0, 1) for a seed and a use of it.
+fn drawn(seed: u64, which: u64) -> f64 {
+    (RandomStreams::new(seed, which, "fuzz").stream("number", 0).next_u64() >> 11) as f64
+        / (1_u64 << 53) as f64
+}
+
+/// Motility of a seed: rates, amplitudes, speeds and widths around the usual; every third fed, every fourth with a fault, phases of the motor
+/// complex as they come; mass movements every few minutes in every second.
+fn fuzzy(seed: u64) -> MotilityConfig {
+    let mut config = MotilityConfig::default();
+    let about = |which: u64, low: f64, high: f64| low + (high - low) * drawn(seed, which);
+    let [rate, speed, amplitude] = [about(1, 0.5, 1.5), about(2, 0.5, 2.0), about(3, 0.5, 1.3)];
+    macro_rules! scale {
+        ($($table:ident),*) => {$(
+            for value in &mut config.$table.rate_hz {
+                value.0 *= rate;
+            }
+            config.$table.speed_m_s.0 *= speed;
+            for value in &mut config.$table.amplitude {
+                value.0 = (value.0 * amplitude).min(0.95);
+            }
+        )*};
+    }
+    scale!(stomach, duodenum, jejunum, ileum, terminal_ileum);
+    config.colon.haustral_amplitude.0 = about(4, 0.0, 0.8);
+    config.colon.burst_fraction.0 = about(5, 0.1, 1.0);
+    if seed % 2 == 0 {
+        config.colon.mass_rate_per_day.0 = about(6, 100.0, 1000.0);
+    }
+    if seed % 3 == 0 {
+        config
+            .meal
+            .push(MealConfig { start_s: NonNegative(about(7, 0.0, FUZZED_S)), ..MealConfig::default() });
+    }
+    if seed % 4 == 0 {
+        config.fault.push(FaultConfig {
+            kind: if seed % 8 == 0 { FaultKind::Ileus } else { FaultKind::Gastroparesis },
+            start_s: NonNegative(about(8, 0.0, FUZZED_S)),
+            end_s: None,
+            remaining: Fraction(about(9, 0.0, 1.0)),
+        });
+    }
+    config
+}
+
 fn fuzzed() -> Outcome {
     let tracts = BodySize::ALL.map(shipped).into_iter().collect::<Result<Vec<_>, _>>()?;
     let reports = on_two_threads(FUZZED, |seed| {
         let tract = &tracts[(seed % 3) as usize];
-        // The shipped guts are of the kinds that the default motility knows.
+        // The shipped guts are of the kinds that the default motility knows, and `fuzzy` stays within its limits.
         let make = |streams: &RandomStreams| {
-            Motility::new(&MotilityConfig::default(), tract, streams).unwrap_or_else(|e| panic!("{e}"))
+            Motility::new(&fuzzy(seed), tract, streams).unwrap_or_else(|e| panic!("{e}"))
         };
-        let config = EngineConfig::default();
+        let mut config = EngineConfig::default();
+        let turn =
+            UnitQuaternion::from_scaled_axis(Vector3::from_fn(|i, _| 3.0 * drawn(seed, 20 + i as u64) - 1.5));
+        let gravity = turn * Vector3::new(0.0, 0.0, -9.81);
+        config.gravity_torso_m_s2 = [gravity.x, gravity.y, gravity.z].map(Finite);
         fuzz_inside_lumen(seed..seed + 1, FUZZED_S, &config, tract, CAPSULE, make).map_err(|e| e.to_string())
     })?;
     let all = reports.iter().skip(1).fold(reports[0], FuzzReport::and);

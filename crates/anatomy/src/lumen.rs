@@ -152,7 +152,7 @@ impl Lumen {
                     + half_width_m
                     + FOCUS_SLACK_M
                     + wave.speed_m_s.abs() * FOCUS_TIME_S;
-                let centre_m = wave.start_arc_length_m + wave.speed_m_s * (time_s - wave.start_time_s);
+                let centre_m = wave.centre_m(time_s);
                 if (centre_m - s_m).abs() <= reach_m {
                     focus.near.push(index);
                 }
@@ -196,7 +196,7 @@ impl Lumen {
             return now_s;
         }
         for wave in self.motility.active() {
-            let centre_m = wave.start_arc_length_m + wave.speed_m_s * (now_s - wave.start_time_s);
+            let centre_m = wave.centre_m(now_s);
             let reach_m = half_width_m + (STILL_WIDTHS * wave.width_m).max(wave.flattens_ahead_m);
             let way_m = s_m - centre_m;
             let gap_m = way_m.abs() - reach_m;
@@ -225,6 +225,9 @@ impl Lumen {
         // Sums of a G E and its derivatives by s and t: of all waves, and of haustral contractions.
         let (mut all, mut haustral) = (Closure::OPEN, Closure::OPEN);
         for wave in waves {
+            if s_m < wave.acts_from_m {
+                continue;
+            }
             let u = (s_m - wave.centre_m) * wave.per_width_per_m;
             if u.abs() < REACH_WIDTHS {
                 if wave.yields { haustral.add(&wave, u) } else { all.add(&wave, u) }

@@ -8,7 +8,8 @@
 //! G(u) = exp(-u²/2)    E(x) = S(x/ρ) S((1 - x)/ρ)    S(y) = 3 y² - 2 y³ on [0, 1]    ρ = 0.15
 //! ```
 //!
-//! `a_j` goes linearly from the first to the last amplitude, both times a strength that is drawn for each wave, evenly within the rhythm's
+//! A mass movement forms where it arises before it travels: `s_j` for the time `F` it takes, with `E(x) = S((t - t_j) / F) S((1 - x)/ρ)`, and acts in the
+//! colon alone. `a_j` goes linearly from the first to the last amplitude, both times a strength that is drawn for each wave, evenly within the rhythm's
 //! spread about 1. [`crate::lumen`] sums the waves to a radius.
 //!
 //! Waves are scheduled (`[[motility.wave]]`, also the first swallow) or spontaneous (also the swallows that follow). Spontaneous waves come from *cells*: a segment
@@ -31,15 +32,17 @@
 //! (antral wave speed), Rao et al. (colon), Humphries and Castell 1977 (oesophagus).
 
 use crate::error::AnatomyError;
-use crate::motility_config::{MotilityConfig, Rhythm};
-use crate::motility_limits::LARGEST_AMPLITUDE;
+use crate::motility_config::MotilityConfig;
 use crate::pylorus::Gate;
 use crate::tract::Tract;
-use fault::{Impairment, Organ};
+use cell::{Cell, site_cells};
+pub(crate) use cell::{Origins, Site};
+use fault::Impairment;
 use lumenav_core::{RandomStream, RandomStreams};
 use meal::MealConfig;
 use rand::Rng as _;
 
+mod cell;
 pub mod fault;
 pub mod meal;
 pub(crate) mod tissue;
@@ -48,8 +51,6 @@ pub(crate) mod tissue;
 pub(crate) const RAMP_FRACTION: f64 = 0.15;
 /// Runs that end at a segment's border sooner than this are not started, m.
 const SHORTEST_RUN_M: f64 = 1e-3;
-/// Cells of one rhythm: enough for 7 m of bowel in cells of 2 cm.
-const MOST_CELLS: usize = 400;
 
 /// One travelling contraction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,6 +71,10 @@ pub struct Wave {
     pub flattens_ahead_m: f64,
     /// Whether it is a haustral contraction, which relaxes where another wave flattens the haustra.
     pub yields: bool,
+    /// How long it forms in one place before it travels, s; 0: it rises on its way.
+    pub forms_s: f64,
+    /// It acts from this arc length on, m: a contraction of the colon stops at the valve.
+    pub acts_from_m: f64,
 }
 
 /// A wave at one instant.
@@ -93,6 +98,8 @@ pub struct WaveInstant {
     pub flattens_ahead_m: f64,
     /// As [`Wave::yields`].
     pub yields: bool,
+    /// As [`Wave::acts_from_m`].
+    pub acts_from_m: f64,
 }
 
 impl Wave {
@@ -101,24 +108,33 @@ impl Wave {
         self.start_time_s + self.duration_s
     }
 
+    /// Where its centre is at `time_s`, m.
+    pub fn centre_m(&self, time_s: f64) -> f64 {
+        self.start_arc_length_m + self.speed_m_s * (time_s - self.start_time_s - self.forms_s).max(0.0)
+    }
+
     /// The wave at `time_s`; outside its time its weight is exactly zero.
     pub fn at(&self, time_s: f64) -> WaveInstant {
-        let x = (time_s - self.start_time_s) / self.duration_s;
-        let (on, on_rate) = smooth_step(x / RAMP_FRACTION);
+        let since_s = time_s - self.start_time_s;
+        let x = since_s / self.duration_s;
+        let rise_s = if self.forms_s > 0.0 { self.forms_s } else { RAMP_FRACTION * self.duration_s };
+        let fall_s = RAMP_FRACTION * self.duration_s;
+        let (on, on_rate) = smooth_step(since_s / rise_s);
         let (off, off_rate) = smooth_step((1.0 - x) / RAMP_FRACTION);
-        let (envelope, envelope_rate) = (on * off, (on_rate * off - on * off_rate) / RAMP_FRACTION);
+        let (envelope, envelope_rate_per_s) = (on * off, on_rate * off / rise_s - on * off_rate / fall_s);
         let [first, last] = self.amplitude;
         let amplitude = first + (last - first) * x;
         WaveInstant {
-            centre_m: self.start_arc_length_m + self.speed_m_s * (time_s - self.start_time_s),
-            speed_m_s: self.speed_m_s,
+            centre_m: self.centre_m(time_s),
+            speed_m_s: if since_s > self.forms_s { self.speed_m_s } else { 0.0 },
             per_width_per_m: 1.0 / self.width_m,
             weight: amplitude * envelope,
-            weight_rate_per_s: ((last - first) * envelope + amplitude * envelope_rate) / self.duration_s,
+            weight_rate_per_s: (last - first) * envelope / self.duration_s + amplitude * envelope_rate_per_s,
             envelope,
-            envelope_rate_per_s: envelope_rate / self.duration_s,
+            envelope_rate_per_s,
             flattens_ahead_m: self.flattens_ahead_m,
             yields: self.yields,
+            acts_from_m: self.acts_from_m,
         }
     }
 }
@@ -188,145 +204,6 @@ impl MotorComplex {
         } else {
             self.rate_factors[2]
         }
-    }
-}
-
-/// A renewal process of contractions in one stretch of a segment.
-#[derive(Debug, Clone)]
-struct Cell {
-    name: String,
-    start_m: f64,
-    length_m: f64,
-    /// As [`Site::origins`].
-    origins: Option<Origins>,
-    /// The centre of a wave stays in here, m.
-    limits_m: [f64; 2],
-    rate_hz: f64,
-    /// Delay of the MMC front, s; `None` where the MMC has no say, and the cell rather than the tissue is refractory.
-    front_delay_s: Option<f64>,
-    rhythm: Rhythm,
-    /// Its waves run to the pylorus and may open it.
-    is_antral: bool,
-    /// Its waves would start before the organ and come in over its end.
-    comes_in: bool,
-    impairments: Vec<Impairment>,
-    bursts: Option<Bursts>,
-    sequence: u64,
-    next_time_s: f64,
-}
-
-/// Places at which waves arise: a part of them evenly from the first to the middle one, the others evenly from there to the last, m.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Origins {
-    pub(crate) places_m: [f64; 3],
-    pub(crate) first_part: f64,
-}
-
-impl Origins {
-    /// Where a wave arises, m, from a uniform number.
-    fn at(&self, uniform: f64) -> f64 {
-        let [first, middle, last] = self.places_m;
-        if uniform < self.first_part {
-            first + uniform / self.first_part * (middle - first)
-        } else {
-            middle + (uniform - self.first_part) / (1.0 - self.first_part) * (last - middle)
-        }
-    }
-}
-
-/// When a stretch contracts at all: one burst somewhere in each period.
-#[derive(Debug, Clone)]
-struct Bursts {
-    /// Name of their random stream.
-    name: String,
-    burst_s: f64,
-    period_s: f64,
-}
-
-impl Bursts {
-    /// Whether one runs at `time_s`.
-    fn run_at(&self, streams: &RandomStreams, time_s: f64) -> bool {
-        let index = (time_s / self.period_s).floor().max(0.0);
-        let begins_s =
-            uniform(&mut streams.stream(&self.name, index as u64)) * (self.period_s - self.burst_s);
-        let since_s = time_s - index * self.period_s - begins_s;
-        (0.0..self.burst_s).contains(&since_s)
-    }
-}
-
-impl Cell {
-    /// To the next event, s, from a uniform number.
-    fn interval_s(&self, uniform: f64) -> f64 {
-        let (period_s, dead) = (1.0 / self.rate_hz, self.rhythm.refractory_fraction);
-        let exponential = -(1.0 - uniform).ln();
-        match self.front_delay_s {
-            Some(_) => period_s * exponential / self.proposals(1.0),
-            None => period_s * (dead + (1.0 - dead) * exponential),
-        }
-    }
-
-    /// Part of the events that is kept.
-    fn kept_part(&self, cycle: &MotorComplex, time_s: f64) -> f64 {
-        let remaining = Impairment::remaining(&self.impairments, time_s);
-        self.front_delay_s.map_or(remaining, |delay_s| {
-            let factor = remaining * cycle.factor(time_s, delay_s);
-            factor * self.proposals(factor) / self.proposals(1.0)
-        })
-    }
-
-    /// Proposals per wave that starts, where the motor complex leaves the part `factor` of the rate.
-    fn proposals(&self, factor: f64) -> f64 {
-        let refractory = self.rhythm.refractory_fraction * factor;
-        if self.comes_in {
-            tissue::proposals_at_a_place(refractory * self.rhythm.aboral_fraction)
-        } else {
-            tissue::proposals(refractory)
-        }
-    }
-
-    /// How long tissue does not contract again, s; `None` where it does not matter.
-    fn refractory_s(&self) -> Option<f64> {
-        self.front_delay_s.map(|_| self.rhythm.refractory_fraction / self.rate_hz)
-    }
-
-    /// Moves on to the next event and returns the wave of the present one, if it is kept.
-    fn fire(&mut self, streams: &RandomStreams, cycle: &MotorComplex) -> Option<Wave> {
-        let mut stream = streams.stream(&self.name, self.sequence);
-        let [remainder, kept, place, direction, length, strength] =
-            std::array::from_fn(|_| uniform(&mut stream));
-        let (time_s, rhythm) = (self.next_time_s, self.rhythm);
-        self.sequence += 1;
-        self.next_time_s += self.interval_s(remainder);
-        let rests = self.bursts.as_ref().is_some_and(|bursts| !bursts.run_at(streams, time_s));
-        if rests || kept >= self.kept_part(cycle, time_s) {
-            return None;
-        }
-        let mut strength = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
-        if let Some(meal) = self.front_delay_s.and_then(|_| cycle.meal_at(time_s)) {
-            strength *= meal.amplitude_factor.0;
-        }
-        let mut start_m =
-            self.origins.map_or(self.start_m + place * self.length_m, |origins| origins.at(place));
-        let aboral = direction < rhythm.aboral_fraction;
-        let mut wanted_m = rhythm.run_m[0] + length * (rhythm.run_m[1] - rhythm.run_m[0]);
-        // What would come in over the oral end starts there, with what is left of its run.
-        let before_m = (self.limits_m[0] - start_m).max(0.0);
-        if before_m > 0.0 && !aboral {
-            return None;
-        }
-        (start_m, wanted_m) = (start_m + before_m, wanted_m - before_m);
-        let free_m = if aboral { self.limits_m[1] - start_m } else { start_m - self.limits_m[0] };
-        let run_m = wanted_m.min(free_m);
-        (run_m >= SHORTEST_RUN_M).then(|| Wave {
-            start_time_s: time_s,
-            start_arc_length_m: start_m,
-            speed_m_s: if aboral { rhythm.speed_m_s } else { -rhythm.speed_m_s },
-            duration_s: run_m / rhythm.speed_m_s,
-            width_m: rhythm.width_m,
-            amplitude: rhythm.amplitude.map(|a| (a * strength).min(LARGEST_AMPLITUDE)),
-            flattens_ahead_m: rhythm.flattens_ahead_m,
-            yields: rhythm.yields,
-        })
     }
 }
 
@@ -523,95 +400,6 @@ impl Motility {
 enum Source {
     Schedule,
     Cell(usize),
-}
-
-/// A rhythm and the stretch of the tract that has it.
-#[derive(Debug, Clone)]
-pub(crate) struct Site {
-    /// Name of its random streams.
-    pub(crate) name: String,
-    pub(crate) organ: Organ,
-    /// The stretch, m.
-    pub(crate) span_m: [f64; 2],
-    /// Where waves may run, m.
-    pub(crate) limits_m: [f64; 2],
-    /// What happens there.
-    pub(crate) rhythm: Rhythm,
-    /// Delay of the MMC front at both ends of the stretch, s.
-    pub(crate) front_delay_s: Option<[f64; 2]>,
-    /// The whole stretch is one cell (events that seize the organ), or cells of the mean run.
-    pub(crate) whole: bool,
-    /// Of a whole stretch: where its waves arise, where not evenly over it.
-    pub(crate) origins: Option<Origins>,
-    /// Length of a burst and mean interval of bursts, s, where it does not contract all the time.
-    pub(crate) bursts: Option<[f64; 2]>,
-}
-
-fn site_cells(site: &Site, impairments: &[Impairment], streams: &RandomStreams, cells: &mut Vec<Cell>) {
-    let first = cells.len();
-    let [shortest_m, longest_m] = site.rhythm.run_m;
-    let mean_run_m = 0.5 * (shortest_m + longest_m);
-    let count = |length_m: f64| ((length_m / mean_run_m).round() as usize).clamp(1, MOST_CELLS);
-    let length_m = site.span_m[1] - site.span_m[0];
-    if site.span_m[0] <= site.limits_m[0] && !site.whole {
-        // At the oral end of an organ a place sees as many waves as elsewhere, some of which would have started as far before it as they run.
-        let before_m = shortest_m.max(longest_m);
-        let oral = [site.span_m[0] - before_m, before_m];
-        stretch_cells(site, "before/", oral, count(before_m), streams, cells);
-    }
-    let wanted = if site.whole { 1 } else { count(length_m) };
-    stretch_cells(site, "", [site.span_m[0], length_m], wanted, streams, cells);
-    for cell in &mut cells[first..] {
-        cell.impairments = impairments.to_vec();
-    }
-}
-
-/// So many cells in the stretch of this start and length, m; `place` tells their names from those of other stretches.
-fn stretch_cells(
-    site: &Site,
-    place: &str,
-    [start_m, length_m]: [f64; 2],
-    count: usize,
-    streams: &RandomStreams,
-    cells: &mut Vec<Cell>,
-) {
-    for index in 0..count {
-        let cell_start_m = start_m + length_m * index as f64 / count as f64;
-        let middle_m = cell_start_m + 0.5 * length_m / count as f64;
-        let span_m = site.span_m[1] - site.span_m[0];
-        let part = if span_m > 0.0 { ((middle_m - site.span_m[0]) / span_m).max(0.0) } else { 0.5 };
-        let between = |ends: [f64; 2]| ends[0] + part * (ends[1] - ends[0]);
-        let rate_hz = between(site.rhythm.rate_hz);
-        if rate_hz <= 0.0 {
-            continue;
-        }
-        let name = format!("{}/{place}{index}", site.name);
-        let first = uniform(&mut streams.stream(&format!("{name}/first"), 0));
-        let mut cell = Cell {
-            name,
-            start_m: cell_start_m,
-            length_m: length_m / count as f64,
-            origins: site.origins,
-            bursts: site.bursts.map(|[burst_s, period_s]| Bursts {
-                name: format!("{}/bursts", site.name),
-                burst_s,
-                period_s,
-            }),
-            limits_m: site.limits_m,
-            rate_hz,
-            front_delay_s: site.front_delay_s.map(between),
-            rhythm: site.rhythm,
-            is_antral: site.organ == Organ::Stomach,
-            impairments: Vec::new(),
-            comes_in: middle_m < site.limits_m[0],
-            sequence: 0,
-            next_time_s: 0.0,
-        };
-        // The first event of a renewal process that has always run is anywhere in the mean interval; a Poisson process has no memory.
-        let has_memory = cell.front_delay_s.is_none();
-        cell.next_time_s = if has_memory { first / rate_hz } else { cell.interval_s(first) };
-        cells.push(cell);
-    }
 }
 
 #[cfg(test)]

@@ -5,12 +5,16 @@
 use crate::error::AnatomyError;
 use crate::motility::fault::{FaultConfig, Organ};
 use crate::motility::meal::MealConfig;
-use crate::motility::{Origins, RAMP_FRACTION, Site, Wave};
+use crate::motility::{RAMP_FRACTION, Site, Wave};
 use crate::motility_limits::{LARGEST_AMPLITUDE, check_wave, in_range, positive};
 use crate::segment::SegmentKey;
 use crate::tract::Tract;
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use serde::{Deserialize, Serialize};
+
+pub use colon::ColonConfig;
+
+mod colon;
 
 /// `[motility]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -165,6 +169,8 @@ impl WaveConfig {
             amplitude: [self.amplitude.0; 2],
             flattens_ahead_m: self.flattens_ahead_m.0,
             yields: false,
+            forms_s: 0.0,
+            acts_from_m: f64::NEG_INFINITY,
         })
     }
 }
@@ -245,22 +251,20 @@ impl OesophagusConfig {
             amplitude: [self.amplitude.0; 2],
             flattens_ahead_m: 0.0,
             yields: false,
+            forms_s: 0.0,
+            acts_from_m: f64::NEG_INFINITY,
         })
     }
 
     /// The swallows that follow, each over the whole length.
     fn site(&self, tract: &Tract) -> Option<Site> {
         let [start_m, end_m] = self.span_m(tract)?;
+        let rhythm = Rhythm { run_m: [end_m - start_m; 2], ..self.further() };
+        let name = SegmentKey::Oesophagus.to_string();
         Some(Site {
-            name: SegmentKey::Oesophagus.to_string(),
-            organ: Organ::Oesophagus,
-            span_m: [start_m; 2],
             limits_m: [start_m, end_m],
-            rhythm: Rhythm { run_m: [end_m - start_m; 2], ..self.further() },
-            front_delay_s: None,
             whole: true,
-            origins: None,
-            bursts: None,
+            ..Site::new(name, Organ::Oesophagus, [start_m; 2], rhythm)
         })
     }
 
@@ -434,203 +438,6 @@ const MMC_FRONT_M_S: [(SegmentKey, f64); 4] = [
     (SegmentKey::TerminalIleum, 1.5e-4),
 ];
 
-/// `[motility.colon]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ColonConfig {
-    /// Part of the time in which a segment's haustra contract, and its retrograde waves run; 1: always. Default 0.2 [B: scant contractions with
-    /// infrequent bursts, S, doi:10.1152/ajpgi.1989.257.4.G601].
-    pub burst_fraction: Fraction,
-    /// Length of a burst of them, s. Default 300 (B).
-    pub burst_s: Positive,
-    /// Haustral contractions at one place in a burst, 1/s. Default 0.05: 3 per minute (S).
-    pub haustral_rate_hz: NonNegative,
-    /// Their speed, m/s. Default 0.002 (B).
-    pub haustral_speed_m_s: Positive,
-    /// Their amplitude. Default 0.3 (B).
-    pub haustral_amplitude: Fraction,
-    /// Their width, m. Default 0.010, a third of the distance between haustra (B).
-    pub haustral_width_m: Positive,
-    /// Their shortest and longest run, m. Default 0.01 to 0.03, up to one haustrum (B).
-    pub haustral_run_m: [Positive; 2],
-    /// Part of them that travels aborally. Default 0.5 (B).
-    pub haustral_aboral_fraction: Fraction,
-    /// Mass movements per day: propulsive sequences. Default 24 [T to colonic transit]. Those of high amplitude, above 105 mmHg, are 6.9 to 10 (S),
-    /// but sequences that propelled had 50 mmHg in the mean and were a third of all (S, doi:10.1152/ajpgi.2000.278.2.G329).
-    pub mass_rate_per_day: NonNegative,
-    /// Their speed, m/s. Default 0.022: 2.2 ± 0.3 cm/s [S, doi:10.1152/ajpgi.2000.278.2.G329].
-    pub mass_speed_m_s: Positive,
-    /// Their run, m. Default 0.41: 41 ± 6 cm [S, the same].
-    pub mass_run_m: Positive,
-    /// Their amplitude. Default 0.95 [T, together with the width].
-    pub mass_amplitude: Fraction,
-    /// Their width, m. Default 0.02 [T: a sequence moves content by 0.25 m (S), in generated colons and in one measured; one of
-    /// 0.9 and 0.03 slides over a capsule in bends of 20 mm. Only the pushing front is modelled: in manometry the wall stays
-    /// contracted for more than 14 s behind it].
-    pub mass_width_m: Positive,
-    /// How far ahead of them haustra flatten, m. Default 0.2 [B; after Guyton and Hall, Textbook of Medical
-    /// Physiology, where some 20 cm of colon distal to the constriction lose their haustra].
-    pub mass_flattens_ahead_m: NonNegative,
-    /// Part of them that arises in the caecum; the others arise evenly from there to the sigmoid. Default 0.3 [T to colonic
-    /// transit; S that they arise more often proximally, doi:10.1152/ajpgi.2000.278.2.G329].
-    pub mass_caecal_fraction: Fraction,
-    /// Defecations per day: a mass movement that runs out. Default 1 [S, doi:10.1136/gut.33.6.818: the commonest habit]. Half of them begin
-    /// before the sigmoid, the furthest in the ascending colon; the shortest take three fifths of sigmoid and rectum (S, PMID 12780911).
-    pub defecation_rate_per_day: NonNegative,
-    /// Retrograde waves of sigmoid and rectum at one place in a burst, 1/s. Default 0.05: 3 per minute (S).
-    pub retrograde_rectosigmoid_rate_hz: NonNegative,
-    /// Their speed, m/s. Default 0.005 (B).
-    pub retrograde_speed_m_s: Positive,
-    /// Their amplitude. Default 0.3 (B).
-    pub retrograde_amplitude: Fraction,
-    /// Their run, m. Default 0.05 (B).
-    pub retrograde_run_m: Positive,
-}
-
-impl Default for ColonConfig {
-    fn default() -> Self {
-        Self {
-            burst_fraction: Fraction(0.2),
-            burst_s: Positive(300.0),
-            haustral_rate_hz: NonNegative(0.05),
-            haustral_speed_m_s: Positive(0.002),
-            haustral_amplitude: Fraction(0.3),
-            haustral_width_m: Positive(0.010),
-            haustral_run_m: [Positive(0.01), Positive(0.03)],
-            haustral_aboral_fraction: Fraction(0.5),
-            mass_rate_per_day: NonNegative(24.0),
-            mass_speed_m_s: Positive(0.022),
-            mass_run_m: Positive(0.41),
-            mass_amplitude: Fraction(0.95),
-            mass_width_m: Positive(0.02),
-            mass_flattens_ahead_m: NonNegative(0.2),
-            mass_caecal_fraction: Fraction(0.3),
-            defecation_rate_per_day: NonNegative(1.0),
-            retrograde_rectosigmoid_rate_hz: NonNegative(0.05),
-            retrograde_speed_m_s: Positive(0.005),
-            retrograde_amplitude: Fraction(0.3),
-            retrograde_run_m: Positive(0.05),
-        }
-    }
-}
-
-impl ColonConfig {
-    pub(crate) fn haustral(&self) -> Rhythm {
-        Rhythm {
-            rate_hz: [self.haustral_rate_hz.0; 2],
-            speed_m_s: self.haustral_speed_m_s.0,
-            amplitude: [self.haustral_amplitude.0; 2],
-            amplitude_spread: 0.0,
-            width_m: self.haustral_width_m.0,
-            run_m: self.haustral_run_m.map(|run| run.0),
-            aboral_fraction: self.haustral_aboral_fraction.0,
-            refractory_fraction: 0.5,
-            flattens_ahead_m: 0.0,
-            yields: true,
-        }
-    }
-
-    pub(crate) fn mass(&self) -> Rhythm {
-        Rhythm {
-            rate_hz: [self.mass_rate_per_day.0 / 86_400.0; 2],
-            speed_m_s: self.mass_speed_m_s.0,
-            amplitude: [self.mass_amplitude.0; 2],
-            amplitude_spread: 0.0,
-            width_m: self.mass_width_m.0,
-            run_m: [self.mass_run_m.0; 2],
-            aboral_fraction: 1.0,
-            refractory_fraction: 0.05,
-            flattens_ahead_m: self.mass_flattens_ahead_m.0,
-            yields: false,
-        }
-    }
-
-    /// What empties the rectum; how far it runs is the site's matter.
-    fn defecation(&self) -> Rhythm {
-        Rhythm {
-            rate_hz: [self.defecation_rate_per_day.0 / 86_400.0; 2],
-            // A habit (B).
-            refractory_fraction: 0.5,
-            ..self.mass()
-        }
-    }
-
-    pub(crate) fn retrograde(&self) -> Rhythm {
-        Rhythm {
-            rate_hz: [self.retrograde_rectosigmoid_rate_hz.0; 2],
-            speed_m_s: self.retrograde_speed_m_s.0,
-            amplitude: [self.retrograde_amplitude.0; 2],
-            amplitude_spread: 0.0,
-            width_m: self.haustral_width_m.0,
-            run_m: [self.retrograde_run_m.0; 2],
-            aboral_fraction: 0.0,
-            refractory_fraction: 0.6,
-            flattens_ahead_m: 0.0,
-            yields: true,
-        }
-    }
-
-    fn sites(&self, tract: &Tract, sites: &mut Vec<Site>) {
-        use SegmentKey::{Ascending, Caecum, Descending, Rectum, Sigmoid, Transverse};
-        let all = [Caecum, Ascending, Transverse, Descending, Sigmoid, Rectum];
-        let Some(limits_m) = span_of(tract, &all) else { return };
-        let site = |name: &str, span_m, rhythm, whole| Site {
-            name: name.to_owned(),
-            organ: Organ::Colon,
-            span_m,
-            limits_m,
-            rhythm,
-            front_delay_s: None,
-            whole,
-            origins: None,
-            bursts: None,
-        };
-        let bursts = Some([self.burst_s.0, self.burst_s.0 / self.burst_fraction.0]);
-        let bursts = bursts.filter(|_| self.burst_fraction.0 < 1.0);
-        for segment in tract.segments.iter().filter(|s| s.key.is_colon() && s.key != Rectum) {
-            let name = format!("haustra/{}", segment.key);
-            let haustra = site(&name, [segment.start_m, segment.end_m], self.haustral(), false);
-            sites.push(Site { bursts, ..haustra });
-        }
-        // Mass movements arise before the sigmoid, three quarters of them before the splenic flexure, and run over what lies behind. Those of the
-        // caecum rise while their centre is still before it: a capsule at its bottom lies on the front of the whole wave.
-        let [start_m, end_m] =
-            span_of(tract, &[Caecum, Ascending, Transverse, Descending]).unwrap_or(limits_m);
-        let caecal_m = start_m - RAMP_FRACTION * self.mass_run_m.0;
-        let places_m = [caecal_m, caecal_m, end_m];
-        sites.push(Site {
-            origins: Some(Origins { places_m, first_part: self.mass_caecal_fraction.0 }),
-            limits_m: [caecal_m, limits_m[1]],
-            ..site("mass", [start_m, end_m], self.mass(), true)
-        });
-        sites.extend(self.defecations(tract, site("defecation", limits_m, self.defecation(), true)));
-        if let Some(span_m) = span_of(tract, &[Sigmoid, Rectum]) {
-            sites.push(Site { bursts, ..site("retrograde", span_m, self.retrograde(), false) });
-        }
-    }
-
-    /// Defecations, of a tract with a way out: in full strength to the end, beyond which they fade.
-    fn defecations(&self, tract: &Tract, site: Site) -> Option<Site> {
-        use SegmentKey::{Ascending, Caecum, Rectum, Sigmoid};
-        let [first_m, end_m] = span_of(tract, &[Sigmoid, Rectum])?;
-        // Emptied at most: all but four fifths of caecum and ascending colon; at least: three fifths of sigmoid and rectum.
-        let highest_m = match span_of(tract, &[Caecum, Ascending]) {
-            Some([start_m, end_m]) => end_m - 0.19 * (end_m - start_m),
-            None => site.limits_m[0].min(first_m),
-        };
-        let lowest_m = end_m - 0.6 * (end_m - first_m);
-        // In full strength where it begins, too: it rises before.
-        let run_m = (end_m - highest_m) / (1.0 - 2.0 * RAMP_FRACTION);
-        let places_m = [highest_m, first_m, lowest_m].map(|place_m| place_m - RAMP_FRACTION * run_m);
-        Some(Site {
-            origins: Some(Origins { places_m, first_part: 0.5 }),
-            limits_m: [places_m[0], places_m[0] + run_m],
-            rhythm: Rhythm { run_m: [run_m; 2], ..site.rhythm },
-            ..site
-        })
-    }
-}
-
 impl MotilityConfig {
     /// Everything that contracts by itself in `tract`.
     pub(crate) fn sites(&self, tract: &Tract) -> Vec<Site> {
@@ -654,10 +461,8 @@ impl MotilityConfig {
             let span_m = [segment.start_m, segment.end_m];
             // Waves of the small bowel run on into the next part of it.
             let limits_m = small_bowel(tract).unwrap_or(span_m);
-            let (name, whole) = (segment.key.to_string(), false);
-            let organ = Organ::SmallBowel;
-            let (origins, bursts) = (None, None);
-            sites.push(Site { name, organ, span_m, limits_m, rhythm, front_delay_s, whole, origins, bursts });
+            let site = Site::new(segment.key.to_string(), Organ::SmallBowel, span_m, rhythm);
+            sites.push(Site { limits_m, front_delay_s, ..site });
         }
         self.colon.sites(tract, &mut sites);
         sites
@@ -669,16 +474,11 @@ impl MotilityConfig {
         let rhythm = self.stomach.rhythm();
         let run_m = rhythm.run_m.map(|run_m| run_m.min(end_m - start_m) / (1.0 - RAMP_FRACTION));
         let pacemaker_m = end_m - run_m[0] * (1.0 - RAMP_FRACTION);
+        let name = SegmentKey::Stomach.to_string();
         Some(Site {
-            name: SegmentKey::Stomach.to_string(),
-            organ: Organ::Stomach,
-            span_m: [pacemaker_m; 2],
             limits_m: [start_m, end_m + RAMP_FRACTION * run_m[1]],
-            rhythm: Rhythm { run_m, ..rhythm },
-            front_delay_s: None,
             whole: true,
-            origins: None,
-            bursts: None,
+            ..Site::new(name, Organ::Stomach, [pacemaker_m; 2], Rhythm { run_m, ..rhythm })
         })
     }
 }

@@ -26,6 +26,8 @@ const PERIODS_S: [f64; 2] = [60.0, 1e6];
 /// Part of the time in bursts: for none there is the rate; and their length, s.
 const LEAST_BURSTS: f64 = 1e-3;
 const BURSTS_S: [f64; 2] = [1.0, 1e6];
+/// What a defecation runs at most, m.
+const LONGEST_COLON_M: f64 = 3.0;
 /// Defecations per day: one runs for a minute or two.
 const MOST_DEFECATIONS: f64 = 100.0;
 /// Waves of one cell that may run at a time, on average: a stomach has three.
@@ -172,6 +174,8 @@ impl MotilityConfig {
         in_range(MASS.rate, colon.mass_rate_per_day.0, 0.0, 86_400.0 * FASTEST_HZ)?;
         check_rhythm(&MASS, &colon.mass())?;
         in_range("colon.mass_flattens_ahead_m", colon.mass_flattens_ahead_m.0, 0.0, RUNS_M[1])?;
+        let defecation = Rhythm { run_m: [LONGEST_COLON_M; 2], ..colon.defecation() };
+        check_rhythm(&Keys { rate: "colon.defecation_rate_per_day", ..MASS }, &defecation)?;
         in_range("colon.burst_fraction", colon.burst_fraction.0, LEAST_BURSTS, 1.0)?;
         among("colon.burst_s", colon.burst_s.0, BURSTS_S)?;
         in_range("colon.defecation_rate_per_day", colon.defecation_rate_per_day.0, 0.0, MOST_DEFECATIONS)?;

@@ -90,6 +90,7 @@ impl Gate {
             envelope_rate_per_s: -rate,
             flattens_ahead_m: 0.0,
             yields: false,
+            acts_from_m: f64::NEG_INFINITY,
         }
     }
 
@@ -130,6 +131,8 @@ mod tests {
             amplitude: [0.5, 0.9],
             flattens_ahead_m: 0.0,
             yields: false,
+            forms_s: 0.0,
+            acts_from_m: f64::NEG_INFINITY,
         }
     }
 

@@ -146,8 +146,7 @@ fn of_segments(motion: &MotionFigures, tracks: &BTreeMap<String, TrackMetrics>) 
     let head = ["segment", "time", "way mm", "p95 mm/s", "in bursts"].map(str::to_owned);
     table.set_header(head.into_iter().chain(tracks.keys().map(|name| format!("{name} mean (p95) mm"))));
     for segment in &motion.segments {
-        // Where it still is when the run ends, the time is no transit time.
-        let more = if segment.passed { "" } else { "+" };
+        let more = if segment.is_transit { "" } else { "*" };
         let cells = [
             segment.segment.clone(),
             format!("{}{more}", time(segment.time_s)),
@@ -166,7 +165,7 @@ fn of_segments(motion: &MotionFigures, tracks: &BTreeMap<String, TrackMetrics>) 
         column.set_cell_alignment(CellAlignment::Right);
     }
     format!(
-        "{table}\nin bursts: part of the way that the fastest twentieth of the time makes; +: still there at the end"
+        "{table}\nin bursts: part of the way that the fastest twentieth of the time makes; *: no transit time, the run began or ended there"
     )
 }
 

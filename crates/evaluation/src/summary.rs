@@ -190,14 +190,20 @@ impl Quantiles {
             .collect()
     }
 
-    /// Part of the sum that the largest `part` of the values make (their number rounded down); `None` where the sum is not above 0.
+    /// Part of the sum that the largest `part` of the values make, the last one in part; `None` where that is less than one value, or the sum
+    /// is not above 0.
     pub fn share_of_largest(&mut self, part: f64) -> Option<f64> {
         self.sort();
-        let largest = (part.clamp(0.0, 1.0) * self.sorted.len() as f64) as usize;
-        let mut sum = CompensatedSum::default();
-        self.sorted.iter().rev().take(largest).for_each(|value| sum.add(*value));
+        let wanted = part.clamp(0.0, 1.0) * self.sorted.len() as f64;
         let all = self.mean()? * self.count() as f64;
-        (all > 0.0).then(|| sum.value() / all)
+        if wanted < 1.0 || all <= 0.0 {
+            return None;
+        }
+        let mut sum = CompensatedSum::default();
+        for (k, value) in self.sorted.iter().rev().enumerate().take_while(|(k, _)| (*k as f64) < wanted) {
+            sum.add(value * (wanted - k as f64).min(1.0));
+        }
+        Some(sum.value() / all)
     }
 
     fn sort(&mut self) {
@@ -270,7 +276,9 @@ mod tests {
         // 95 times 0.1 and five times 10.
         let mut quantiles: Quantiles = (0..100).map(|k| if k % 20 == 7 { 10.0 } else { 0.1 }).collect();
         assert_relative_eq!(quantiles.share_of_largest(0.05).unwrap(), 50.0 / 59.5, max_relative = 1e-12);
-        assert_eq!(quantiles.share_of_largest(0.0), Some(0.0));
+        // Two and a half of the hundred.
+        assert_relative_eq!(quantiles.share_of_largest(0.025).unwrap(), 25.0 / 59.5, max_relative = 1e-12);
+        assert_eq!(quantiles.share_of_largest(0.009), None);
         assert_eq!([0.0, 0.0].into_iter().collect::<Quantiles>().share_of_largest(0.5), None);
     }
 

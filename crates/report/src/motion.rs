@@ -2,7 +2,7 @@
 //!
 //! *Time* goes to the segment in which the capsule is at the earlier of two truths. *Speed* is the way along the centre line in a second (or
 //! in the interval of the truths, where that is longer) over its time, to and fro; a capsule that shakes on the spot makes no way in it.
-//! *Bursts* are the fastest twentieth of those seconds.
+//! *Bursts* are the fastest twentieth of those seconds. A capsule that has left the tract is in no segment.
 
 use lumenav_core::SimTime;
 use lumenav_evaluation::bounded::BoundedQuantiles;
@@ -15,6 +15,8 @@ const SPEED_SPAN_S: f64 = 1.0;
 const BURSTS: f64 = 0.05;
 /// Classes of speed: their upper ends, mm/s. A last class holds what is faster.
 pub const SPEED_CLASSES_MM_S: [f64; 12] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
+/// A way below this is no motion of which bursts could be told, mm.
+const LEAST_WAY_MM: f64 = 5.0;
 /// Points of a distribution function.
 const CDF_POINTS: usize = 41;
 
@@ -36,8 +38,9 @@ pub struct SegmentMotion {
     pub entered_s: f64,
     /// When it was last seen in it, s.
     pub last_s: f64,
-    /// Whether it has gone on from there by the end: then `time_s` is a transit time, otherwise it is as long as the run let it be.
-    pub passed: bool,
+    /// Whether `time_s` is a transit time: the capsule came in from the segment before and is beyond it at the end. Otherwise it is as long as the
+    /// run let it be.
+    pub is_transit: bool,
     /// Time in it, s.
     pub time_s: f64,
     /// Way along the centre line, to and fro, mm.
@@ -46,7 +49,7 @@ pub struct SegmentMotion {
     pub advance_mm: f64,
     /// Speed, mm/s.
     pub speed_mm_s: Option<ScalarSummary>,
-    /// Part of the way that the fastest twentieth of the time makes.
+    /// Part of the way that the fastest twentieth of the time makes; `null` for less than 20 speeds or 5 mm of way.
     pub burst_share: Option<f64>,
     /// Speed (mm/s) and the part of the time that is not faster.
     pub speed_distribution: Vec<(f64, f64)>,
@@ -60,6 +63,9 @@ struct Passage {
     entered_s: f64,
     last_s: f64,
     time_s: f64,
+    /// Where it was first seen, and furthest aborally, m.
+    first_m: f64,
+    furthest_m: f64,
     advance_mm: f64,
     speed_mm_s: Quantiles,
     way_mm: f64,
@@ -67,12 +73,14 @@ struct Passage {
 }
 
 impl Passage {
-    fn new(segment: &str, at_s: f64) -> Self {
+    fn new(segment: &str, at_s: f64, arc_length_m: f64) -> Self {
         Self {
             segment: segment.to_owned(),
             entered_s: at_s,
             last_s: at_s,
             time_s: 0.0,
+            first_m: arc_length_m,
+            furthest_m: arc_length_m,
             advance_mm: 0.0,
             speed_mm_s: Quantiles::new(),
             way_mm: 0.0,
@@ -88,18 +96,20 @@ impl Passage {
         self.classes[SPEED_CLASSES_MM_S.partition_point(|limit| *limit < speed_mm_s)] += 1;
     }
 
-    fn figures(&mut self, passed: bool) -> SegmentMotion {
+    fn figures(&mut self, is_transit: bool) -> SegmentMotion {
         let count: u64 = self.classes.iter().sum();
         SegmentMotion {
             segment: self.segment.clone(),
             entered_s: self.entered_s,
             last_s: self.last_s,
-            passed,
+            is_transit,
             time_s: self.time_s,
             way_mm: self.way_mm,
             advance_mm: self.advance_mm,
             speed_mm_s: self.speed_mm_s.summary(),
-            burst_share: self.speed_mm_s.share_of_largest(BURSTS),
+            burst_share: (self.way_mm >= LEAST_WAY_MM)
+                .then(|| self.speed_mm_s.share_of_largest(BURSTS))
+                .flatten(),
             speed_distribution: self.speed_mm_s.cumulative_distribution(CDF_POINTS),
             speed_density: self.classes.iter().map(|n| *n as f64 / count.max(1) as f64).collect(),
         }
@@ -120,6 +130,8 @@ struct Seen {
 pub(crate) struct Motion {
     passages: Vec<Passage>,
     last: Option<Seen>,
+    /// Whether it has left the tract.
+    left: bool,
     /// Where the present span of speed began.
     since: Option<Seen>,
 }
@@ -127,10 +139,13 @@ pub(crate) struct Motion {
 impl Motion {
     /// A truth; those that know no place along a tract are no motion along it.
     pub(crate) fn see(&mut self, at: SimTime, arc_length_m: Option<f64>, segment: Option<&str>) {
-        let (Some(arc_length_m), Some(segment)) = (arc_length_m, segment) else { return };
+        let (Some(arc_length_m), Some(segment)) = (arc_length_m, segment) else {
+            self.left |= self.last.is_some();
+            return;
+        };
         let at_s = at.seconds();
         let passage = self.passages.iter().position(|p| p.segment == segment).unwrap_or_else(|| {
-            self.passages.push(Passage::new(segment, at_s));
+            self.passages.push(Passage::new(segment, at_s, arc_length_m));
             self.passages.len() - 1
         });
         let seen = Seen { at_s, arc_length_m, passage };
@@ -143,14 +158,23 @@ impl Motion {
             self.passages[since.passage].go(1e3 * (arc_length_m - since.arc_length_m), at_s - since.at_s);
             self.since = Some(seen);
         }
-        self.passages[passage].last_s = at_s;
+        let here = &mut self.passages[passage];
+        (here.last_s, here.furthest_m) = (at_s, here.furthest_m.max(arc_length_m));
         self.last = Some(seen);
     }
 
     /// The figures; `None` where no truth knew its place along a tract.
     pub(crate) fn figures(&mut self) -> Option<MotionFigures> {
-        let present = self.last?.passage;
-        let segments = self.passages.iter_mut().enumerate().map(|(k, p)| p.figures(k != present)).collect();
+        let last = self.last?;
+        // The oral one of those it was in is where it began, or what it went back into.
+        let oral_m = self.passages.iter().map(|p| p.first_m).fold(f64::INFINITY, f64::min);
+        let left = self.left;
+        let figures = |(k, passage): (usize, &mut Passage)| {
+            let is_beyond = k != last.passage && last.arc_length_m >= passage.furthest_m;
+            let came_in = k > 0 && passage.first_m > oral_m;
+            passage.figures(came_in && (is_beyond || (left && k == last.passage)))
+        };
+        let segments = self.passages.iter_mut().enumerate().map(figures).collect();
         Some(MotionFigures { speed_classes_mm_s: SPEED_CLASSES_MM_S.to_vec(), segments })
     }
 }
@@ -168,33 +192,43 @@ pub struct SegmentErrors {
     pub heading_error_deg: Option<ScalarSummary>,
 }
 
+/// Errors in one segment being collected.
+struct Errors {
+    segment: String,
+    judged: u64,
+    position_mm: BoundedQuantiles,
+    heading_deg: BoundedQuantiles,
+}
+
 /// Collects a track's errors segment by segment.
 #[derive(Default)]
-pub(crate) struct ErrorsBySegment(Vec<(String, u64, BoundedQuantiles, BoundedQuantiles)>);
+pub(crate) struct ErrorsBySegment(Vec<Errors>);
 
 impl ErrorsBySegment {
     pub(crate) fn see(&mut self, segment: Option<&str>, position_mm: f64, heading_deg: Option<f64>) {
         let Some(segment) = segment else { return };
-        let place = self.0.iter().position(|one| one.0 == segment).unwrap_or_else(|| {
-            self.0.push((segment.to_owned(), 0, BoundedQuantiles::new(), BoundedQuantiles::new()));
+        let place = self.0.iter().position(|one| one.segment == segment).unwrap_or_else(|| {
+            self.0.push(Errors {
+                segment: segment.to_owned(),
+                judged: 0,
+                position_mm: BoundedQuantiles::new(),
+                heading_deg: BoundedQuantiles::new(),
+            });
             self.0.len() - 1
         });
-        let (_, judged, position, heading) = &mut self.0[place];
-        *judged += 1;
-        position.push(position_mm);
-        heading.extend(heading_deg);
+        let errors = &mut self.0[place];
+        errors.judged += 1;
+        errors.position_mm.push(position_mm);
+        errors.heading_deg.extend(heading_deg);
     }
 
     pub(crate) fn figures(&mut self) -> Vec<SegmentErrors> {
-        let figures =
-            |(segment, judged, position, heading): &mut (String, u64, BoundedQuantiles, BoundedQuantiles)| {
-                SegmentErrors {
-                    segment: segment.clone(),
-                    judged: *judged,
-                    position_error_mm: position.summary(),
-                    heading_error_deg: heading.summary(),
-                }
-            };
+        let figures = |errors: &mut Errors| SegmentErrors {
+            segment: errors.segment.clone(),
+            judged: errors.judged,
+            position_error_mm: errors.position_mm.summary(),
+            heading_error_deg: errors.heading_deg.summary(),
+        };
         self.0.iter_mut().map(figures).collect()
     }
 }
@@ -221,8 +255,10 @@ mod tests {
         }
         let found = motion.figures().unwrap();
         let [stomach, duodenum] = &found.segments[..] else { panic!("two segments") };
-        assert_eq!((stomach.segment.as_str(), stomach.passed, stomach.time_s), ("stomach", true, 9.0));
-        assert_eq!((duodenum.entered_s, duodenum.last_s, duodenum.passed), (9.0, 14.0, false));
+        // It began in the stomach and is still in the duodenum.
+        assert_eq!((stomach.segment.as_str(), stomach.is_transit, stomach.time_s), ("stomach", false, 9.0));
+        assert_eq!((duodenum.entered_s, duodenum.last_s, duodenum.is_transit), (9.0, 14.0, false));
+        assert_eq!((stomach.burst_share, duodenum.burst_share), (None, None), "a few seconds have no bursts");
         assert_eq!(duodenum.time_s, 5.0);
         assert!((stomach.way_mm - 10.0).abs() < 1e-9 && (stomach.advance_mm - 10.0).abs() < 1e-9);
         assert!((duodenum.way_mm - 6.0).abs() < 1e-9 && (duodenum.advance_mm - 2.0).abs() < 1e-9);
@@ -232,6 +268,37 @@ mod tests {
         assert_eq!(stomach.speed_density[0], 8.0 / 9.0);
         assert_eq!(stomach.speed_density[9] + stomach.speed_density[10], 1.0 / 9.0);
         assert_eq!(stomach.speed_distribution.last().map(|p| p.1), Some(1.0));
+    }
+
+    /// Segments of 10 mm: which of them is a transit after a way along these places, mm, a second each.
+    fn transits(places_mm: &[f64], left: bool) -> Vec<(String, bool)> {
+        let mut motion = Motion::default();
+        for (k, mm) in places_mm.iter().enumerate() {
+            let name = ["a", "b", "c"][(mm / 10.0) as usize];
+            motion.see(SimTime::from_seconds(k as f64), Some(1e-3 * mm), Some(name));
+        }
+        if left {
+            for k in 0..100 {
+                motion.see(SimTime::from_seconds((places_mm.len() + k) as f64), Some(0.029), None);
+            }
+        }
+        let figures = motion.figures().unwrap();
+        let times: f64 = figures.segments.iter().map(|s| s.time_s).sum();
+        assert_eq!(times, places_mm.len() as f64 - 1.0, "no time after it has left");
+        figures.segments.into_iter().map(|s| (s.segment, s.is_transit)).collect()
+    }
+
+    #[test]
+    fn law_a_transit_begins_and_ends_at_the_borders() {
+        let names = |found: Vec<(String, bool)>| -> String {
+            found.into_iter().filter(|(_, transit)| *transit).map(|(name, _)| name).collect()
+        };
+        assert_eq!(names(transits(&[5.0, 12.0, 18.0, 22.0], false)), "b");
+        assert_eq!(names(transits(&[5.0, 12.0, 18.0, 22.0, 29.0], true)), "bc");
+        // Back again: none of them is passed.
+        assert_eq!(names(transits(&[15.0, 22.0, 15.0, 8.0], false)), "");
+        assert_eq!(names(transits(&[5.0, 12.0, 22.0, 12.0], false)), "");
+        assert_eq!(names(transits(&[5.0, 12.0, 22.0, 12.0, 25.0], false)), "b");
     }
 
     #[test]

@@ -144,7 +144,8 @@ impl EngineWorld {
             angular_rate_capsule_rad_s: state.angular_rate_capsule_rad_s,
             specific_force_capsule_m_s2: state.specific_force_capsule_m_s2,
             arc_length_m: Some(state.arc_length_m),
-            segment: Some(self.engine.tract().segment_name_at(state.arc_length_m)),
+            // What has left is in no segment.
+            segment: (!state.left).then(|| self.engine.tract().segment_name_at(state.arc_length_m)),
             wall_force_n: Some(state.wall_force_n),
         });
         for event in self.engine.events() {

@@ -1,7 +1,8 @@
 //! `[[tract.obstacle]]`: polyps, strictures and plates, rigid and fast to the tract.
 //!
-//! A polyp is a ball whose centre lies on the resting wall. A stricture is a ring of balls across the lumen that leaves a round opening; the
-//! balls stand so close that the opening's radius is true within `t (1 - sqrt(3)/2)`, t the ring's half thickness. A plate stands on the wall, across the
+//! A polyp is a ball whose centre lies on the resting wall. A stricture is a disc of balls across the lumen that leaves a round opening: rings from
+//! the opening out to the resting wall. Those of the first stand so close that the opening's radius is true within `t (1 - sqrt(3)/2)`, t half of
+//! the thickness. A plate stands on the wall, across the
 //! lumen. The capsule meets them as rapier's colliders ([`Obstacle`]); the wall around them moves as it would without.
 
 use crate::engine::Obstacle;
@@ -27,17 +28,17 @@ pub struct ObstacleTable {
     /// Where, mm along the centre line.
     pub at_mm: NonNegative,
     /// Where around the lumen, degrees from the centre line's normal (polyp, plate). Default 0.
-    #[serde(default = "zero")]
-    pub angle_deg: Finite,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub angle_deg: Option<Finite>,
     /// Radius of a polyp, or of a stricture's opening, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_mm: Option<Positive>,
     /// How far a plate stands into the lumen, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height_mm: Option<Positive>,
-    /// Thickness of a stricture's ring, or of a plate, along the lumen, mm. Default 3.
-    #[serde(default = "three")]
-    pub thickness_mm: Positive,
+    /// Thickness of a stricture, or of a plate, along the lumen, mm, 1 to 30. Default 3.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thickness_mm: Option<Positive>,
 }
 
 /// Kinds of obstacles.
@@ -52,13 +53,9 @@ pub enum ObstacleKind {
     Plate,
 }
 
-fn zero() -> Finite {
-    Finite(0.0)
-}
-
-fn three() -> Positive {
-    Positive(3.0)
-}
+/// Thickness along the lumen where none is given, and what it may be, mm.
+const USUAL_THICKNESS_MM: f64 = 3.0;
+const THICKNESSES_MM: std::ops::RangeInclusive<f64> = 1.0..=30.0;
 
 impl ObstacleTable {
     /// The rigid things it is made of, in the tract's frame. `node` is its table.
@@ -66,55 +63,37 @@ impl ObstacleTable {
     /// # Errors
     /// [`ConfigError`] with file, line and key: not in the tract, a size that its kind does not have or lacks.
     pub fn place(&self, tract: &Tract, node: &Node) -> Result<Vec<Obstacle>, ConfigError> {
-        let origin_m = match self.segment {
-            None => 0.0,
-            Some(key) => tract.segment(key).map(|segment| segment.start_m).ok_or_else(|| {
-                let there = tract.segments.iter().map(|s| s.key.as_str()).collect::<Vec<_>>().join(", ");
-                node.error_at("segment", &format!("the tract has no {key}; allowed: {there}"))
-            })?,
-        };
-        let s_m = origin_m + 1e-3 * self.at_mm.0;
-        if s_m > tract.length_m() {
-            let most_mm = 1e3 * (tract.length_m() - origin_m);
-            return Err(
-                node.error_at("at_mm", &format!("is beyond the tract's end; allowed: 0 to {most_mm:.0}"))
-            );
-        }
-        let (asked, refused) = match self.kind {
-            ObstacleKind::Plate => (("height_mm", self.height_mm), ("radius_mm", self.radius_mm)),
-            _ => (("radius_mm", self.radius_mm), ("height_mm", self.height_mm)),
-        };
-        if refused.1.is_some() {
-            return Err(node.error_at(refused.0, &format!("this kind has none; allowed: {}", asked.0)));
-        }
-        let Some(Positive(size_mm)) = asked.1 else {
-            return Err(node.error_at("kind", &format!("this kind needs `{}`", asked.0)));
-        };
+        let s_m = self.arc_length_m(tract, node)?;
+        let size_m = 1e-3 * self.size_mm(node)?;
         let wall_m = tract.radius.radius_m(s_m);
-        let (size_m, thickness_m) = (1e-3 * size_mm, 1e-3 * self.thickness_mm.0);
-        if size_m > 2.0 * wall_m || thickness_m > 2.0 * wall_m {
-            let key = if size_m > 2.0 * wall_m { asked.0 } else { "thickness_mm" };
-            let most_mm = 2e3 * wall_m;
-            return Err(
-                node.error_at(key, &format!("is wider than the lumen there; allowed: up to {most_mm:.1}"))
+        let thickness_m = 1e-3 * self.thickness_mm.map_or(USUAL_THICKNESS_MM, |t| t.0);
+        // An opening as wide as the lumen is none.
+        let (key, most_m) = match self.kind {
+            ObstacleKind::Polyp => ("radius_mm", 2.0 * wall_m),
+            ObstacleKind::Stricture => ("radius_mm", wall_m),
+            ObstacleKind::Plate => ("height_mm", 2.0 * wall_m),
+        };
+        if size_m >= most_m {
+            let message = format!(
+                "the lumen's radius is {:.1} mm there; allowed: below {:.1}",
+                1e3 * wall_m,
+                1e3 * most_m
             );
+            return Err(node.error_at(key, &message));
         }
         let station = tract.station(s_m);
         let outwards = |angle: f64| station.normal * angle.cos() + station.binormal * angle.sin();
-        let angle = self.angle_deg.0.to_radians();
+        let angle = self.angle_deg.map_or(0.0, |angle| angle.0.to_radians());
         Ok(match self.kind {
             ObstacleKind::Polyp => {
                 vec![ball(station.position_m + outwards(angle) * wall_m, size_m)]
             }
             ObstacleKind::Stricture => {
                 let half_m = 0.5 * thickness_m;
-                let ring_m = size_m + half_m;
-                // Neighbours half a thickness apart.
-                let count = (std::f64::consts::TAU * ring_m / half_m).ceil();
-                (0..count as usize)
-                    .map(|k| outwards(std::f64::consts::TAU * k as f64 / count))
-                    .map(|way| ball(station.position_m + way * ring_m, half_m))
-                    .collect()
+                let rings = ((wall_m - size_m) / thickness_m).ceil() as usize;
+                let place =
+                    |(ring_m, way): (f64, f64)| ball(station.position_m + outwards(way) * ring_m, half_m);
+                (0..rings).flat_map(|ring| ring_of_balls(size_m, half_m, ring)).map(place).collect()
             }
             ObstacleKind::Plate => {
                 let (up, along) = (-outwards(angle), station.tangent);
@@ -128,6 +107,61 @@ impl ObstacleTable {
             }
         })
     }
+
+    /// Where it stands along the tract, m.
+    fn arc_length_m(&self, tract: &Tract, node: &Node) -> Result<f64, ConfigError> {
+        let (origin_m, end_m, whose) = match self.segment {
+            None => (0.0, tract.length_m(), "tract"),
+            Some(key) => {
+                let segment = tract.segment(key).ok_or_else(|| {
+                    let there = tract.segments.iter().map(|s| s.key.as_str()).collect::<Vec<_>>().join(", ");
+                    node.error_at("segment", &format!("the tract has no {key}; allowed: {there}"))
+                })?;
+                (segment.start_m, segment.end_m, key.as_str())
+            }
+        };
+        let s_m = origin_m + 1e-3 * self.at_mm.0;
+        if s_m > end_m {
+            let most_mm = 1e3 * (end_m - origin_m);
+            let message = format!("is beyond the end of the {whose}; allowed: 0 to {most_mm:.0}");
+            return Err(node.error_at("at_mm", &message));
+        }
+        Ok(s_m)
+    }
+
+    /// The size that its kind has, mm; keys that it has not are refused.
+    fn size_mm(&self, node: &Node) -> Result<f64, ConfigError> {
+        let (asked, size, others): (_, _, &[(&str, bool)]) = match self.kind {
+            ObstacleKind::Polyp => (
+                "radius_mm",
+                self.radius_mm,
+                &[("height_mm", self.height_mm.is_some()), ("thickness_mm", self.thickness_mm.is_some())],
+            ),
+            ObstacleKind::Stricture => (
+                "radius_mm",
+                self.radius_mm,
+                &[("height_mm", self.height_mm.is_some()), ("angle_deg", self.angle_deg.is_some())],
+            ),
+            ObstacleKind::Plate => ("height_mm", self.height_mm, &[("radius_mm", self.radius_mm.is_some())]),
+        };
+        if let Some((key, _)) = others.iter().find(|(_, is_set)| *is_set) {
+            return Err(node.error_at(key, &format!("this kind has none; its size is `{asked}`")));
+        }
+        if let Some(thickness_mm) = self.thickness_mm.filter(|t| !THICKNESSES_MM.contains(&t.0)) {
+            let (low, high) = (THICKNESSES_MM.start(), THICKNESSES_MM.end());
+            let message = format!("{} mm is no obstacle's; allowed: {low} to {high}", thickness_mm.0);
+            return Err(node.error_at("thickness_mm", &message));
+        }
+        size.map(|size| size.0).ok_or_else(|| node.error_at("kind", &format!("this kind needs `{asked}`")))
+    }
+}
+
+/// Radius (m) and angle of the balls of one ring around an opening: the first half a ball apart, the others touching.
+fn ring_of_balls(opening_m: f64, half_m: f64, ring: usize) -> impl Iterator<Item = (f64, f64)> {
+    let ring_m = opening_m + half_m * (2 * ring + 1) as f64;
+    let apart_m = if ring == 0 { half_m } else { 2.0 * half_m };
+    let count = (std::f64::consts::TAU * ring_m / apart_m).ceil();
+    (0..count as usize).map(move |k| (ring_m, std::f64::consts::TAU * k as f64 / count))
 }
 
 fn ball(centre_torso_m: Point3<f64>, radius_m: f64) -> Obstacle {

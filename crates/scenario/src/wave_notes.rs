@@ -79,6 +79,8 @@ mod tests {
             amplitude: [0.9; 2],
             flattens_ahead_m: 0.0,
             yields: false,
+            forms_s: 0.0,
+            acts_from_m: f64::NEG_INFINITY,
         };
         let mut watch = WaveWatch { waves: vec![(wave, Stage::Waiting)] };
         let mut notes = Vec::new();

@@ -285,8 +285,8 @@ fn law_one_wave_ends_at_the_same_place_at_240_and_1000_hz() {
 
 /// How far two propulsive sequences, at 60 s and 330 s, carry a capsule within ten minutes.
 fn carried_m(tract: &Arc<Tract>, spontaneous: bool, seed: u64) -> f64 {
-    let mut motility = MotilityConfig { spontaneous, ..MotilityConfig::default() };
-    motility.wave = vec![mass_movement(60.0, 0.02), mass_movement(330.0, 0.28)];
+    let wave = vec![mass_movement(60.0, 0.02), mass_movement(330.0, 0.28)];
+    let motility = MotilityConfig { spontaneous, wave, ..busy() };
     let mut engine = engine_of(tract, &motility, at(0.12), seed);
     engine.advance_to(seconds(600.0));
     engine.state().arc_length_m - 0.12
@@ -321,9 +321,11 @@ fn regress_two_mass_movements_carry_the_capsule_through_a_measured_colon() {
     }
 }
 
+/// A wave at the start of phase III, and haustra that never rest.
 fn busy() -> MotilityConfig {
     let mmc = MmcConfig { start_phase: Some(Fraction(0.95)), ..MmcConfig::default() };
-    MotilityConfig { mmc, wave: vec![mass_movement(3.0, 0.02)], ..MotilityConfig::default() }
+    let colon = ColonConfig { burst_fraction: Fraction(1.0), ..ColonConfig::default() };
+    MotilityConfig { mmc, colon, wave: vec![mass_movement(3.0, 0.02)], ..MotilityConfig::default() }
 }
 
 #[test]

@@ -83,6 +83,31 @@ fn closed_form_a_stricture_leaves_its_opening() {
 }
 
 #[test]
+fn law_a_stricture_reaches_the_wall() {
+    // Nothing of the disc between opening and wall is further from a ball than half of its radius.
+    for (radius_mm, thickness_mm) in [(1.0, 1.0), (2.0, 3.0), (6.0, 2.0)] {
+        let parts = place(&format!(
+            "kind = \"stricture\"\nat_mm = 200\nradius_mm = {radius_mm}\nthickness_mm = {thickness_mm}"
+        ))
+        .unwrap();
+        let mut r_m = 1e-3 * radius_mm;
+        while r_m < RADIUS_M {
+            for k in 0..90 {
+                let angle = f64::from(4 * k).to_radians();
+                let point = Point3::new(r_m * angle.cos(), r_m * angle.sin(), 0.2);
+                let gap_m = |part: &Obstacle| {
+                    let Obstacle::Ball { centre_torso_m, radius_m } = part else { panic!("{part:?}") };
+                    (centre_torso_m - point).norm() - radius_m
+                };
+                let gap_m = parts.iter().map(gap_m).fold(f64::INFINITY, f64::min);
+                assert!(gap_m < 0.25e-3 * thickness_mm, "{gap_m} m at {r_m} m and {k}");
+            }
+            r_m += 0.2e-3;
+        }
+    }
+}
+
+#[test]
 fn law_a_stricture_holds_back_what_is_wider_than_it() {
     let free_m = reached_m(&[]);
     assert!(free_m > 0.25, "carried to {free_m} m only");
@@ -116,7 +141,14 @@ fn law_bad_obstacles_are_refused_at_their_line() {
         ("kind = \"plate\"\nat_mm = 1\nheight_mm = 2\nradius_mm = 2", "scenario.toml:5:13"),
         ("kind = \"polyp\"\nat_mm = 900\nradius_mm = 2", "allowed: 0 to 400"),
         ("kind = \"polyp\"\nsegment = \"caecum\"\nat_mm = 9\nradius_mm = 2", "allowed: ileum"),
-        ("kind = \"stricture\"\nat_mm = 9\nradius_mm = 40", "allowed: up to 17.0"),
+        ("kind = \"stricture\"\nat_mm = 9\nradius_mm = 8.6", "allowed: below 8.5"),
+        ("kind = \"stricture\"\nat_mm = 9\nradius_mm = 4\nangle_deg = 40", "this kind has none"),
+        ("kind = \"stricture\"\nat_mm = 9\nradius_mm = 4\nthickness_mm = 1e-5", "allowed: 1 to 30"),
+        ("kind = \"polyp\"\nat_mm = 9\nradius_mm = 4\nthickness_mm = 4", "scenario.toml:5:16"),
+        (
+            "kind = \"polyp\"\nsegment = \"ileum\"\nat_mm = 401\nradius_mm = 2",
+            "the end of the ileum; allowed: 0 to 400",
+        ),
         ("kind = \"stricture\"\nat_mm = 9\nradius_mm = 4\nthickness_mm = 40", "scenario.toml:5:16"),
     ] {
         let error = place(text).unwrap_err().to_string();

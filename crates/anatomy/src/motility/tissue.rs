@@ -41,7 +41,9 @@ pub(super) fn proposals_at_a_place(x: f64) -> f64 {
 /// What the waves that run leave of a new one; `None`: it does not start.
 pub(super) fn admit(mut wave: Wave, refractory_s: f64, running: &[Wave]) -> Option<Wave> {
     let start_s = wave.start_time_s;
-    for other in running.iter().filter(|other| other.end_time_s() > start_s) {
+    // What does not act where this one starts, a mass movement of the colon, is no matter.
+    let acts = |other: &&Wave| other.end_time_s() > start_s && other.acts_from_m <= wave.start_arc_length_m;
+    for other in running.iter().filter(acts) {
         let clear_m = refractory_s * wave.speed_m_s.abs().max(other.speed_m_s.abs());
         let ahead_m = other.at(start_s).centre_m - wave.start_arc_length_m;
         if ahead_m.abs() < clear_m {
@@ -73,6 +75,8 @@ mod tests {
             amplitude: [0.5; 2],
             flattens_ahead_m: 0.0,
             yields: false,
+            forms_s: 0.0,
+            acts_from_m: f64::NEG_INFINITY,
         }
     }
 

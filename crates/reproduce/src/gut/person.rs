@@ -9,7 +9,7 @@ use lumenav_anatomy::tract::Tract;
 use lumenav_anatomy::tract_file::{self, TractOptions};
 use lumenav_core::config::quantity::{Finite, NonNegative};
 use lumenav_core::{CapsuleBody, Node, RandomStreams, SimTime};
-use lumenav_scenario::engine::{Engine, EngineConfig, EngineState};
+use lumenav_scenario::engine::{Engine, EngineConfig};
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
@@ -148,11 +148,16 @@ pub(super) struct Sample {
     pub(super) arc_length_m: f64,
     pub(super) position_m: Point3<f64>,
     pub(super) axis: Vector3<f64>,
+    /// Offset from the centre line beyond what the resting lumen leaves free, m; NaN where the state is not finite.
+    pub(super) excess_m: f64,
 }
 
 impl Sample {
-    fn of(state: &EngineState) -> Self {
+    fn of(engine: &Engine) -> Self {
+        let state = engine.state();
+        let resting_m = engine.tract().radius.radius_m(state.arc_length_m);
         Self {
+            excess_m: state.offset_m - (resting_m - CAPSULE.radius_m).max(0.0),
             arc_length_m: state.arc_length_m,
             position_m: Point3::from(state.world_from_capsule.translation.vector),
             axis: state.world_from_capsule.rotation * Vector3::x(),
@@ -171,13 +176,13 @@ pub(super) struct Passage {
 
 /// Follows a capsule until its centre first passes `end_m` or leaves the tract, or for as long as the leg waits.
 fn pass(engine: &mut Engine, end_m: f64, leg: &Leg) -> Passage {
-    let mut samples = vec![Sample::of(&engine.state())];
+    let mut samples = vec![Sample::of(engine)];
     let mut time_s = 0.0;
     while time_s < leg.limit_s {
         time_s += leg.every_s;
         engine.advance_to(SimTime::from_seconds(time_s));
+        samples.push(Sample::of(engine));
         let state = engine.state();
-        samples.push(Sample::of(&state));
         if state.left || state.arc_length_m >= end_m {
             return Passage { duration_s: Some(time_s), samples };
         }

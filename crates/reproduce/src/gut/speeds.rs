@@ -102,7 +102,12 @@ mod tests {
         let mut s = 0.0;
         let mut samples = Vec::new();
         for k in 0..=100 {
-            samples.push(Sample { arc_length_m: s, position_m: Point3::origin(), axis: Vector3::x() });
+            samples.push(Sample {
+                arc_length_m: s,
+                position_m: Point3::origin(),
+                axis: Vector3::x(),
+                excess_m: 0.0,
+            });
             s += match k {
                 20 => -0.010,
                 40 | 41 | 60 | 80 => 0.010,

@@ -54,20 +54,15 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
         all_mn.sort_by(f64::total_cmp);
         let mean = all_mn.iter().sum::<f64>() / all_mn.len() as f64;
         let per_minute = all_mn.len() as f64 / (runs as f64 * RUN_S / 60.0);
-        table.rows.push(
-            Row::new(
-                format!("mean traction per event, {name}, {} events", all_mn.len()),
-                "mN",
-                Some(published_mn),
-            )
-            .ours("lumenav", mean)
-            .judged(
-                "lumenav",
-                Sense::Match,
-                Tolerance::Relative(0.25),
-                "58 to 91 mN over all states",
-            ),
-        );
+        let quantity = format!("mean traction per event, {name}, {} events", all_mn.len());
+        // What was tuned to its number is no test of it.
+        table.rows.push(if rate.is_some() {
+            let row = Row::new(quantity, "mN", Some(published_mn)).ours("lumenav", mean);
+            row.judged("lumenav", Sense::Match, Tolerance::Relative(0.25), "58 to 91 mN over all states")
+        } else {
+            let row = Row::new(quantity, "mN", None).ours("lumenav", mean);
+            row.not_comparable(&format!("tuned to the published {published_mn} mN"))
+        });
         let row = Row::new(format!("events, {name}"), "per min", (k == 0).then_some(2.5))
             .ours("lumenav", per_minute);
         table.rows.push(if k == 0 {
@@ -82,6 +77,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
         });
         panel = panel.with(Series::ours(k, name).line(k).distribution(&all_mn));
     }
+    table.note("published, phase III pulls harder than phase II (91, 74 mN); here every contraction is drawn alike, and in phase III more are cut short");
     table.figures.push(NamedFigure { name: String::new(), svg: Figure::of(panel).to_svg()? });
     Ok(table)
 }

@@ -282,6 +282,10 @@ impl PatientConfig {
     }
 }
 
+/// Furthest that a cough throws the gut, m (B).
+const MOST_COUGH_M: f64 = 0.1;
+/// Largest acceleration of a step, m/s² (B).
+const MOST_STEP_M_S2: f64 = 20.0;
 /// More events are refused: each costs time at each step.
 const MOST_EVENTS: usize = 1000;
 
@@ -294,6 +298,17 @@ fn check_numbers(event: &PatientEvent, entry: &Node) -> Result<(), ConfigError> 
         PatientEvent::Cough(cough) => {
             range("acceleration_m_s2", cough.acceleration_m_s2.0, 0.0, 50.0)?;
             range("duration_s", cough.duration_s.0, 0.05, 2.0)?;
+            // It throws the gut by a d²/24.
+            let most_m_s2 = 24.0 * MOST_COUGH_M / cough.duration_s.0.powi(2);
+            if cough.acceleration_m_s2.0 > most_m_s2 {
+                let message = format!(
+                    "{} m/s² over {} s would throw the gut by {:.0} mm; allowed: up to {most_m_s2:.1} (or a shorter `duration_s`)",
+                    cough.acceleration_m_s2.0,
+                    cough.duration_s.0,
+                    1e3 * cough.acceleration_m_s2.0 * cough.duration_s.0.powi(2) / 24.0
+                );
+                return Err(entry.error_at("acceleration_m_s2", &message));
+            }
             let length = cough.direction.iter().map(|d| d.0 * d.0).sum::<f64>().sqrt();
             if (1e-9..=1e9).contains(&length) {
                 return Ok(());
@@ -306,6 +321,15 @@ fn check_numbers(event: &PatientEvent, entry: &Node) -> Result<(), ConfigError> 
             range("step_frequency_hz", walk.step_frequency_hz.0, 0.2, 5.0)?;
             range("amplitude_mm", walk.amplitude_mm.0, 0.0, 200.0)?;
             range("speed_m_s", walk.speed_m_s.0, 0.0, 3.0)?;
+            let rate_rad_s = std::f64::consts::TAU * walk.step_frequency_hz.0;
+            let most_mm = 1e3 * MOST_STEP_M_S2 / rate_rad_s.powi(2);
+            if walk.amplitude_mm.0 > most_mm {
+                let message = format!(
+                    "{} mm at {} Hz is more than {MOST_STEP_M_S2} m/s², a runner's; allowed: up to {most_mm:.1}",
+                    walk.amplitude_mm.0, walk.step_frequency_hz.0
+                );
+                return Err(entry.error_at("amplitude_mm", &message));
+            }
             range("to_s", to_s, 0.0, 1e7)?;
             if to_s >= from_s + 1.0 {
                 return Ok(());
