@@ -40,3 +40,22 @@ impl Valve {
         self.passed = if self.passed { beyond_m > -half_length_m } else { beyond_m > half_length_m };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, Vector3};
+
+    #[test]
+    fn law_it_shuts_behind_the_whole_capsule_and_opens_before_the_whole() {
+        let end = Cap { position_m: Point3::origin(), outwards: -Vector3::z(), arc_length_m: 1.0 };
+        let mut valve = Valve { end, passed: false };
+        let mut shut = |beyond_mm: f64| {
+            valve.look(1.0 + 1e-3 * beyond_mm, 0.013);
+            valve.shut().is_some()
+        };
+        let places_mm = [-40.0, 0.0, 12.0, 14.0, 2.0, -12.0, 3.0, -14.0, 0.0, 12.0, 14.0];
+        let expected = [false, false, false, true, true, true, true, false, false, false, true];
+        assert_eq!(places_mm.map(&mut shut), expected);
+    }
+}
