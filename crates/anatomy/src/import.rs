@@ -87,7 +87,7 @@ pub struct ImportOptions {
     pub labels: Vec<i64>,
     /// Which way the file's axes point; `None` takes those of the format (NIfTI: RAS, MetaImage: LPS), of a surface RAS, and says so.
     pub axes: Option<Axes>,
-    /// The two ends and places between them, from mouth to anus, surface frame, m. Empty: ends are found.
+    /// The two ends and places between them, from mouth to anus, surface frame, m. One: the oral end, the other is found. Empty: both are found.
     pub waypoints_m: Vec<Point3<f64>>,
     /// Where segments begin. Empty: by proportion.
     pub starts: Vec<SegmentStart>,
@@ -224,7 +224,7 @@ impl Importer<'_> {
                 closures.iter().for_each(|closure| self.repairs[closure.repair].kind = RepairKind::Closed);
             }
         }
-        let is_guided = !self.options.waypoints_m.is_empty();
+        let is_guided = self.is_guided();
         if is_guided {
             voxels.enclose(ENCLOSED_RADII * radius_m);
         }
@@ -238,9 +238,10 @@ impl Importer<'_> {
             Some(outline) if !self.tail.is_empty() => Bvh::new(&outline.led_on_surface(&surface, &self.tail)),
             _ => tree,
         };
+        let has_ends = [!self.options.waypoints_m.is_empty(), is_guided];
         let progress = &mut *self.progress;
         let mut stations =
-            middle::centre_line(&tree, outline.as_ref(), &way, &self.bridges, is_guided, |done| {
+            middle::centre_line(&tree, outline.as_ref(), &way, &self.bridges, has_ends, |done| {
                 progress(Progress { stage: "centre line", done });
             });
         self.check_tube(&stations, radius_m)?;
@@ -250,6 +251,11 @@ impl Importer<'_> {
         self.tell("contacts", 0.0);
         let (self_contacts, branches) = contacts::find(&voxels, &stations);
         self.finish(stations, self_contacts, branches, triangles, voxels.edge_m)
+    }
+
+    /// Whether the user names both ends.
+    fn is_guided(&self) -> bool {
+        self.options.waypoints_m.len() > 1
     }
 
     fn tell(&mut self, stage: &'static str, done: f64) {
@@ -286,7 +292,7 @@ impl Importer<'_> {
     /// Repairs the surface; its mean radius, m, and the outer faces of its walls.
     fn repair(&mut self, surface: &mut Surface) -> Result<(f64, Vec<Closure>, Option<Outline>), ImportError> {
         let at_m = surface.middle();
-        let is_guided = !self.options.waypoints_m.is_empty();
+        let is_guided = self.is_guided();
         let repaired = repair::repair(surface, is_guided).map_err(|open| ImportError::Open {
             file: self.file.clone(),
             at_m: open.at_m,
@@ -317,7 +323,7 @@ impl Importer<'_> {
             return Ok(());
         };
         let error = ImportError::Wall { file: self.file.clone(), at_m, percent: 100.0 * part };
-        if self.options.waypoints_m.is_empty() {
+        if !self.is_guided() {
             return Err(error);
         }
         self.warnings.push(error.to_string());
@@ -360,11 +366,14 @@ impl Importer<'_> {
             let at_m = voxels.place_m(voxels.len() / 2);
             return Err(ImportError::NoInside { file: self.file.clone(), at_m, reason });
         };
-        if !self.options.waypoints_m.is_empty() {
+        if self.is_guided() {
             return self.way_through(voxels, outer, radius_m);
         }
         let total = voxels.inside.len() as f64;
         let large: Vec<_> = parts.iter().filter(|part| part.voxels as f64 >= BUBBLE * total).collect();
+        if large.len() > 1 && self.options.waypoints_m.len() == 1 {
+            return Err(ImportError::WaypointCount { file: self.file.clone(), count: 1 });
+        }
         if large.len() > 1 {
             let has_walls = self.repairs.iter().any(|repair| repair.kind == RepairKind::ThickWall);
             if let Some((way, joints)) = chain::chain(voxels, &parts, large.len(), radius_m, has_walls) {
@@ -382,9 +391,14 @@ impl Importer<'_> {
             let parts = large.iter().map(|part| (part.middle_m, volume_ml(part.voxels))).collect();
             return Err(ImportError::SeveralParts { file: self.file.clone(), parts });
         }
-        let (from, to) = path::furthest_pair(voxels, largest.seed, radius_m);
+        let (from, to) = match self.options.waypoints_m[..] {
+            [] => path::furthest_pair(voxels, largest.seed, radius_m),
+            _ => self.from_the_first(voxels, radius_m)?,
+        };
         let ends_m = [from, to].map(|index| voxels.place_m(index));
-        let tails = [ends_m, [ends_m[1], ends_m[0]]].map(|ends_m| {
+        let is_given = !self.options.waypoints_m.is_empty();
+        let tails = [(ends_m, !is_given), ([ends_m[1], ends_m[0]], true)].map(|(ends_m, is_found)| {
+            let outer = outer.filter(|_| is_found);
             outer.and_then(|outer| outline::tail(outer, voxels, ends_m, radius_m)).unwrap_or_default()
         });
         let entry = |tail: &[Point3<f64>], end: usize| {
@@ -394,6 +408,16 @@ impl Importer<'_> {
         let reach = search(voxels, from, Some(to), Pay::Middle { radius_m });
         let way = reach.way_to(voxels, to).into_iter().map(|index| voxels.place_m(index)).collect();
         Ok(self.with_tails(way, tails))
+    }
+
+    /// The end that the user names and the one found from there.
+    fn from_the_first(&mut self, voxels: &Voxels, radius_m: f64) -> Result<(usize, usize), ImportError> {
+        let from = self.stop(voxels, radius_m, 0, &self.options.waypoints_m[0], true)?;
+        let to = search(voxels, from, None, Pay::Reach { radius_m }).last;
+        let to = path::led_on(voxels, from, to, radius_m);
+        let anal = place(&voxels.place_m(to));
+        self.warnings.push(format!("the anal end was found, not given: near {anal} mm"));
+        Ok((from, to))
     }
 
     /// A way with what lies beyond its ends, and tells of it.
@@ -465,28 +489,33 @@ impl Importer<'_> {
         voxels: &Voxels,
         radius_m: f64,
     ) -> Result<Vec<usize>, ImportError> {
-        if waypoints.len() < 2 {
-            return Err(ImportError::WaypointCount { file: self.file.clone(), count: waypoints.len() });
-        }
-        let stop = |(index, at_m): (usize, &Point3<f64>)| {
-            let nearest = path::nearest_inside(voxels, at_m).filter(|_| at_m.iter().all(|v| v.is_finite()));
-            let distance_m = nearest.map_or(f64::INFINITY, |(_, distance)| distance);
-            match nearest {
-                Some((voxel, distance)) if distance <= WAYPOINT_M => {
-                    // The ends are where the user says, what lies between only tells the way.
-                    let is_end = index == 0 || index + 1 == waypoints.len();
-                    Ok(if is_end { voxel } else { path::to_the_middle(voxels, voxel, radius_m) })
-                }
-                _ => Err(ImportError::Waypoint {
-                    file: self.file.clone(),
-                    index,
-                    at_m: *at_m,
-                    distance_mm: 1e3 * distance_m,
-                    limit_mm: 1e3 * WAYPOINT_M,
-                }),
-            }
-        };
+        let last = waypoints.len() - 1;
+        let stop = |(index, at_m)| self.stop(voxels, radius_m, index, at_m, index == 0 || index == last);
         waypoints.iter().enumerate().map(stop).collect()
+    }
+
+    /// The voxel of a waypoint. The ends are where the user says, what lies between only tells the way.
+    fn stop(
+        &self,
+        voxels: &Voxels,
+        radius_m: f64,
+        index: usize,
+        at_m: &Point3<f64>,
+        is_end: bool,
+    ) -> Result<usize, ImportError> {
+        let nearest = path::nearest_inside(voxels, at_m).filter(|_| at_m.iter().all(|v| v.is_finite()));
+        match nearest {
+            Some((voxel, distance_m)) if distance_m <= WAYPOINT_M => {
+                Ok(if is_end { voxel } else { path::to_the_middle(voxels, voxel, radius_m) })
+            }
+            _ => Err(ImportError::Waypoint {
+                file: self.file.clone(),
+                index,
+                at_m: *at_m,
+                distance_mm: 1e3 * nearest.map_or(f64::INFINITY, |(_, distance_m)| distance_m),
+                limit_mm: 1e3 * WAYPOINT_M,
+            }),
+        }
     }
 
     /// Lists where the way leads through walls.

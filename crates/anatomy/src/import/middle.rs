@@ -71,34 +71,35 @@ impl Bridges {
     }
 }
 
-/// The centre line of a row of places through the lumen, m. `has_ends`: the row begins and ends where the user says.
+/// The centre line of a row of places through the lumen, m. `has_ends`: whether the row begins, and whether it ends, where the user says.
 pub(super) fn centre_line(
     tree: &Bvh,
     outline: Option<&Outline>,
     way: &[Point3<f64>],
     bridges: &Bridges,
-    has_ends: bool,
+    has_ends: [bool; 2],
     mut progress: impl FnMut(f64),
 ) -> Vec<ImportStation> {
-    let way = if has_ends { way.to_vec() } else { cut_ends(tree, way) };
+    let way = cut_ends(tree, way, has_ends);
     let mut points = smooth(tree, &resample(&way));
     for round in 0..ROUNDS {
         let centred = centre(tree, outline, bridges, &points);
         let mut smoothed = smooth(tree, &resample(&centred));
-        if has_ends {
-            pin(&mut smoothed, &way);
-        }
+        pin(&mut smoothed, &way, has_ends);
         points = keep_inside(tree, smoothed, &points);
         progress(round as f64 / ROUNDS as f64);
     }
-    let full = if has_ends { (0, points.len().saturating_sub(1)) } else { extend(tree, &mut points) };
+    let full = extend(tree, &mut points, has_ends);
     measure(tree, bridges, &points, full)
 }
 
-/// Leads both ends of a line straight to the places given.
-fn pin(points: &mut Vec<Point3<f64>>, way: &[Point3<f64>]) {
-    for end in [way.first(), way.last()] {
+/// Leads the ends of a line that are given straight to their places.
+fn pin(points: &mut Vec<Point3<f64>>, way: &[Point3<f64>], has_ends: [bool; 2]) {
+    for (end, is_given) in [way.first(), way.last()].into_iter().zip(has_ends) {
         points.reverse();
+        if !is_given {
+            continue;
+        }
         // The end that is now last is the first of `way` in the first round.
         let (Some(end), Some(last)) = (end, points.last().copied()) else { continue };
         let count = ((end - last).norm() / STATION_M).round() as usize;
@@ -106,13 +107,14 @@ fn pin(points: &mut Vec<Point3<f64>>, way: &[Point3<f64>]) {
     }
 }
 
-/// Cuts both ends after the last place that is within 1.5 clearances of the row's beginning.
-fn cut_ends(tree: &Bvh, way: &[Point3<f64>]) -> Vec<Point3<f64>> {
+/// Cuts the ends that were found after the last place that is within 1.5 clearances of the row's beginning.
+fn cut_ends(tree: &Bvh, way: &[Point3<f64>], has_ends: [bool; 2]) -> Vec<Point3<f64>> {
     let is_near =
         |p: &Point3<f64>, end: &Point3<f64>| (p - end).norm() < 1.5 * tree.distance_m(p, FURTHEST_WALL_M);
     let (Some(first), Some(last)) = (way.first(), way.last()) else { return Vec::new() };
-    let from = way.iter().rposition(|p| is_near(p, first)).unwrap_or(0);
-    let to = way.iter().position(|p| is_near(p, last)).unwrap_or(way.len() - 1);
+    let from = if has_ends[0] { None } else { way.iter().rposition(|p| is_near(p, first)) };
+    let to = if has_ends[1] { None } else { way.iter().position(|p| is_near(p, last)) };
+    let (from, to) = (from.unwrap_or(0), to.unwrap_or(way.len() - 1));
     if from < to { way[from..=to].to_vec() } else { way.to_vec() }
 }
 
@@ -290,11 +292,14 @@ pub(super) fn is_walled(tree: &Bvh, a: &Point3<f64>, b: &Point3<f64>) -> bool {
     length > 0.0 && tree.hit_m(a, &((b - a) / length), length).is_some()
 }
 
-/// Leads both ends straight on to the wall; the first and the last of the stations that were there before.
-fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>) -> (usize, usize) {
+/// Leads the ends that were found straight on to the wall; the first and the last of the stations that were there before.
+fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>, has_ends: [bool; 2]) -> (usize, usize) {
     let mut added = [0; 2];
-    for count in &mut added {
+    for (count, is_given) in added.iter_mut().zip(has_ends) {
         points.reverse();
+        if is_given {
+            continue;
+        }
         let Some(last) = points.last().copied() else { break };
         let radius = tree.distance_m(&last, FURTHEST_WALL_M);
         let back = ((radius / STATION_M).ceil() as usize).clamp(1, points.len() - 1);

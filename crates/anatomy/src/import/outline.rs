@@ -88,7 +88,9 @@ pub(super) fn tail(
 ) -> Option<Vec<Point3<f64>>> {
     let (end, other) = (nearest_inside(outer, &end_m)?.0, nearest_inside(outer, &other_m)?.0);
     let tip = led_on(outer, other, end, radius_m);
-    let is_beyond = (outer.place_m(tip) - end_m).norm() > radius_m;
+    // By length from the other end, so that a corner beside the end is not beyond it.
+    let far = search(outer, other, None, Pay::Length);
+    let is_beyond = far.is_reached(end) && far.cost(tip) - far.cost(end) > radius_m;
     if is_beyond { into_lumen(outer, lumen, tip, end, radius_m) } else { None }
 }
 
