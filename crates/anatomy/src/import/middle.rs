@@ -90,7 +90,7 @@ pub(super) fn centre_line(
         progress(round as f64 / ROUNDS as f64);
     }
     let full = extend(tree, &mut points, has_ends);
-    measure(tree, bridges, &points, full)
+    measure(tree, outline, bridges, &points, full)
 }
 
 /// Leads the ends of a line that are given straight to their places.
@@ -316,6 +316,7 @@ fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>, has_ends: [bool; 2]) -> (us
 
 fn measure(
     tree: &Bvh,
+    outline: Option<&Outline>,
     bridges: &Bridges,
     points: &[Point3<f64>],
     (from, to): (usize, usize),
@@ -328,7 +329,15 @@ fn measure(
     let mut section_of = Vec::with_capacity(points.len());
     for (i, (point, tangent)) in points.iter().zip(&tangents).enumerate() {
         normal = unit_or_zero(normal - tangent * tangent.dot(&normal));
-        let rays_m = rays(tree, point, &normal, &tangent.cross(&normal));
+        let binormal = tangent.cross(&normal);
+        let mut rays_m = rays(tree, point, &normal, &binormal);
+        if let Some(outline) = outline {
+            // Where the inner face ends, a ray may pass between it and the outer one.
+            for (k, ray_m) in rays_m.iter_mut().enumerate() {
+                let exit_m = outline.exit_m(point, &direction(k, &normal, &binormal), *ray_m);
+                *ray_m = exit_m.unwrap_or(*ray_m);
+            }
+        }
         stations.push(ImportStation { point_m: *point, radius_m: median(&rays_m), rays_m, normal });
         if (from..=to).contains(&i) && !bridges.hold(point) {
             in_lumen = i;

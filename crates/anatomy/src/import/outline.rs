@@ -11,11 +11,12 @@
 //! | of the outer face | 2.3 | 2.2 | 1.7 |
 //!
 //! *The ends.* The inner face may end blind before the outer one (of the same person the anal canal has none). Where the outer one reaches further by more
-//! than the mean radius, the line goes on within it, and there it is the lumen's wall.
+//! than a lumen's width, the line goes on within it, and there it is the lumen's wall.
 //!
 //! The way itself is looked for in the lumen, since outlines of neighbouring loops overlap and would let it through.
 
 use super::bvh::Bvh;
+use super::middle::chords_m;
 use super::path::{Pay, led_on, nearest_inside, search};
 use super::surface::Surface;
 use super::voxels::Voxels;
@@ -23,6 +24,10 @@ use nalgebra::{Point3, Vector3};
 
 /// Faces that a ray may enter before it leaves one.
 const MOST_FACES: usize = 16;
+/// A tail is led on by three mean radii at most so many times: no anal canal is longer.
+const MOST_STEPS: usize = 4;
+/// A lumen's width in mean radii: a wall is thinner.
+const WIDTH_RADII: f64 = 2.0;
 /// A ray goes on so far behind a face it entered, m: half the distance of corners that are one.
 const START_M: f64 = 5e-6;
 
@@ -79,7 +84,7 @@ impl Outline {
     }
 }
 
-/// From where the outer face ends beyond an end of the lumen to the first place in the lumen; `None` where it is no further away than the mean radius.
+/// From where the outer face ends beyond an end of the lumen to the first place in the lumen; `None` where that is no longer than a lumen is wide.
 pub(super) fn tail(
     outer: &Voxels,
     lumen: &Voxels,
@@ -87,11 +92,15 @@ pub(super) fn tail(
     radius_m: f64,
 ) -> Option<Vec<Point3<f64>>> {
     let (end, other) = (nearest_inside(outer, &end_m)?.0, nearest_inside(outer, &other_m)?.0);
-    let tip = led_on(outer, other, end, radius_m);
-    // By length from the other end, so that a corner beside the end is not beyond it.
-    let far = search(outer, other, None, Pay::Length);
-    let is_beyond = far.is_reached(end) && far.cost(tip) - far.cost(end) > radius_m;
-    if is_beyond { into_lumen(outer, lumen, tip, end, radius_m) } else { None }
+    let mut tip = end;
+    for _ in 0..MOST_STEPS {
+        let before = tip;
+        tip = led_on(outer, other, before, radius_m);
+        if (outer.place_m(tip) - outer.place_m(before)).norm() < radius_m {
+            break;
+        }
+    }
+    into_lumen(outer, lumen, tip, end, radius_m).filter(|way| chords_m(way) > WIDTH_RADII * radius_m)
 }
 
 /// The way within the outer face from one of its voxels towards another, to the first place in the lumen.

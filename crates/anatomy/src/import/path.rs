@@ -197,11 +197,6 @@ impl Reach {
         self.led_by[index] != 0
     }
 
-    /// What it costs to get to a voxel: with [`Pay::Length`] how far it is, m.
-    pub(super) fn cost(&self, index: usize) -> f64 {
-        self.cost[index]
-    }
-
     /// The row of voxels from the source to one that was reached.
     pub(super) fn way_to(&self, voxels: &Voxels, target: usize) -> Vec<usize> {
         let mut way = vec![target];

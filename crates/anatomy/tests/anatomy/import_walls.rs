@@ -200,7 +200,7 @@ fn closed_form_a_double_wall_centres_the_line_and_leads_it_on_where_the_inner_fa
     assert_eq!(led_on.len(), 1, "{:?}", tract.repairs);
     assert!((led_on[0].at_m - straight(0.8).0).norm() < 0.008, "{}", led_on[0].at_m);
     assert!((tract.length_m - 0.196).abs() < 0.006, "{} m", tract.length_m);
-    let away_mm = |p: &Point3<f64>| 1e3 * p.x.hypot(p.z);
+    let away_mm = |p: &Point3<f64>| 1e3 * (p.x - 0.01).hypot(p.z - 0.03);
     // Far from both ends, where the line comes from corners.
     let middle: Vec<f64> =
         tract.stations.iter().filter(|s| s.point_m.y.abs() < 0.06).map(|s| away_mm(&s.point_m)).collect();
