@@ -393,7 +393,7 @@ impl Importer<'_> {
         }
         let (from, to) = match self.options.waypoints_m[..] {
             [] => path::furthest_pair(voxels, largest.seed, radius_m),
-            _ => self.from_the_first(voxels, radius_m)?,
+            _ => self.ends_after_first(voxels, radius_m)?,
         };
         let ends_m = [from, to].map(|index| voxels.place_m(index));
         let is_given = !self.options.waypoints_m.is_empty();
@@ -411,7 +411,7 @@ impl Importer<'_> {
     }
 
     /// The end that the user names and the one found from there.
-    fn from_the_first(&mut self, voxels: &Voxels, radius_m: f64) -> Result<(usize, usize), ImportError> {
+    fn ends_after_first(&mut self, voxels: &Voxels, radius_m: f64) -> Result<(usize, usize), ImportError> {
         let from = self.stop(voxels, radius_m, 0, &self.options.waypoints_m[0], true)?;
         let to = search(voxels, from, None, Pay::Reach { radius_m }).last;
         let to = path::led_on(voxels, from, to, radius_m);
@@ -434,7 +434,6 @@ impl Importer<'_> {
 
     /// What leads from an end that the user names within the outer face alone to the lumen; empty where it is in the lumen.
     fn tail_from(
-        &self,
         voxels: &Voxels,
         outer: Option<&Voxels>,
         [end_m, other_m]: [Point3<f64>; 2],
@@ -460,7 +459,7 @@ impl Importer<'_> {
         let mut waypoints = self.options.waypoints_m.clone();
         let last = waypoints.len() - 1;
         let tails = [[0, last.min(1)], [last, last.saturating_sub(1)]]
-            .map(|ends| self.tail_from(voxels, outer, ends.map(|i| waypoints[i]), radius_m));
+            .map(|ends| Self::tail_from(voxels, outer, ends.map(|i| waypoints[i]), radius_m));
         for (tail, end) in tails.iter().zip([0, last]) {
             waypoints[end] = tail.last().copied().unwrap_or(waypoints[end]);
         }
