@@ -2,7 +2,9 @@
 
 use crate::row::{Outcome, Sheet};
 use crate::tools::{lumenav, root, run};
+use lumenav::anatomy::CentreLine;
 use lumenav::anatomy::generator::{BodySize, WholeGutRequest, whole_gut};
+use lumenav::anatomy::import::{ImportOptions, import_surface};
 use lumenav::anatomy::motility::Motility;
 use lumenav::anatomy::motility::fault::{FaultConfig, FaultKind};
 use lumenav::anatomy::motility::meal::MealConfig;
@@ -28,6 +30,57 @@ const COMPARED: u64 = 12;
 const CAPSULE: CapsuleBody = CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.0033 };
 /// Seeds of generated guts, sizes in turn.
 const GENERATED: u64 = 1000;
+
+/// Mean distance of an imported line from the one given, mm, and error of a segment's length, at most.
+const AWAY_MM: f64 = 3.0;
+const LENGTH_ERROR: f64 = 0.05;
+
+/// A surface of a person with the segments of the centre line given.
+struct Imported {
+    person: &'static str,
+    organ: &'static str,
+    segments: &'static [&'static str],
+    /// What a user names, mm, as in the library's example `import_people`. Empty: unaided.
+    waypoints_mm: &'static [[f64; 3]],
+}
+
+/// The first person's surfaces are asked for unaided, the second's may be helped; a third was never given.
+const IMPORTED: [Imported; 4] = [
+    Imported {
+        person: "EdinGCA_3D_00090",
+        organ: "small_intestine",
+        segments: &["esophagus_part", "stomach", "duodenum", "jejunum", "ileum", "terminal_ileum"],
+        waypoints_mm: &[],
+    },
+    Imported {
+        person: "EdinGCA_3D_00090",
+        organ: "large_intestine",
+        segments: &["cecum", "cecum_colon", "ascending", "transverse", "descending", "sigmoid", "rectum"],
+        waypoints_mm: &[],
+    },
+    Imported {
+        person: "HuBMAPVHM_3D_00070",
+        organ: "small_intestine",
+        segments: &["duodenum", "jejunum", "ileum", "terminal_ileum"],
+        waypoints_mm: &[],
+    },
+    Imported {
+        person: "HuBMAPVHM_3D_00070",
+        organ: "large_intestine",
+        segments: &["cecum", "ascending", "transverse", "descending", "sigmoid_rectum"],
+        waypoints_mm: &[
+            [-59.0, -35.0, 125.0],
+            [-60.0, -60.0, 137.0],
+            [-85.0, -60.0, 190.0],
+            [-63.0, -60.0, 320.0],
+            [-60.0, -90.0, 258.0],
+            [97.0, -32.0, 376.0],
+            [60.0, -62.0, 87.0],
+            [0.0, 60.0, 65.0],
+            [2.0, 83.0, -23.0],
+        ],
+    },
+];
 
 /// What of a reproduction's table is read here.
 #[derive(Deserialize)]
@@ -62,6 +115,12 @@ pub fn rows(sheet: &mut Sheet) {
         let command = format!("reproduce {id} --json");
         sheet.row(&format!("1 {id}"), &command, ask, || reproduction(&id, scratch.path()));
     }
+    sheet.row(
+        "2 import",
+        "in this program: import_surface of LUMENAV_DATA/tracts, Edin unaided, Visible Human small unaided, large with nine waypoints",
+        "every segment's length within 5 % and the line within 3 mm mean of the one given",
+        imports,
+    );
     sheet.row(
         "3 fuzzed runs",
         "in this program: 200 runs of 30 min spread over the shipped guts, each with rates, speeds, amplitudes, posture, meals and faults of its own",
@@ -147,6 +206,72 @@ fn fuzzy(seed: u64) -> MotilityConfig {
         });
     }
     config
+}
+
+fn imports() -> Outcome {
+    let data = std::env::var_os("LUMENAV_DATA").ok_or("LUMENAV_DATA is not set")?;
+    let tracts = Path::new(&data).join("tracts");
+    let mut told = Vec::new();
+    let mut holds = true;
+    for one in &IMPORTED {
+        let (person, organ) = (one.person, one.organ);
+        let name = format!("{person} {organ} ({} waypoints)", one.waypoints_mm.len());
+        let surface = tracts.join(format!("{person}_{organ}.stl"));
+        if !surface.is_file() {
+            told.push(format!("{name}: not measured"));
+            holds = false;
+            continue;
+        }
+        let given = tracts.join(format!("{person}_centerline.csv"));
+        match imported(one, &surface, &given) {
+            Ok((figure, meets)) => {
+                told.push(format!("{name}: {figure}"));
+                holds &= meets;
+            }
+            Err(why) => {
+                told.push(format!("{name}: {why}"));
+                holds = false;
+            }
+        }
+    }
+    told.push("a third person: not measured (no surface of one is there)".to_owned());
+    Ok((told.join("; "), holds))
+}
+
+/// Mean distance and length error of each segment of one surface, and whether all meet both.
+fn imported(one: &Imported, surface: &Path, given: &Path) -> Outcome {
+    let waypoints_m = one.waypoints_mm.iter().map(|place| place.map(|mm| 1e-3 * mm).into()).collect();
+    let options = ImportOptions { waypoints_m, ..ImportOptions::default() };
+    let tract = import_surface(surface, &options, &mut |_| {}).map_err(|e| e.to_string())?;
+    let stations: Vec<_> = tract.stations.iter().map(|station| station.point_m).collect();
+    let line = CentreLine::through(&stations).map_err(|e| e.to_string())?;
+    let text = std::fs::read_to_string(given).map_err(|e| format!("{}: {e}", given.display()))?;
+    let mut told = Vec::new();
+    let mut holds = true;
+    for segment in one.segments {
+        let of_segment = |row: &&str| row.split(',').next() == Some(*segment);
+        // Columns: segment, s, x, y, z, radius.
+        let number =
+            |text: &str| text.parse::<f64>().map_err(|e| format!("{}: `{text}`: {e}", given.display()));
+        let mut points = Vec::new();
+        for row in text.lines().filter(of_segment) {
+            let columns: Vec<&str> = row.split(',').collect();
+            let [_, _, x, y, z, ..] = columns[..] else {
+                return Err(format!("{}: `{row}` has no place", given.display()));
+            };
+            points.push([number(x)?, number(y)?, number(z)?].into());
+        }
+        let feet: Vec<_> = points.iter().map(|point| line.nearest(point, 1)[0]).collect();
+        let (Some(first), Some(last)) = (feet.first(), feet.last()) else {
+            return Err(format!("{} has no `{segment}`", given.display()));
+        };
+        let given_m: f64 = points.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
+        let error = (last.arc_length_m - first.arc_length_m).abs() / given_m - 1.0;
+        let away_mm = 1e3 * feet.iter().map(|foot| foot.distance_m).sum::<f64>() / feet.len() as f64;
+        told.push(format!("{segment} {away_mm:.2} mm {:+.1} %", 100.0 * error));
+        holds &= error.abs() <= LENGTH_ERROR && away_mm <= AWAY_MM;
+    }
+    Ok((told.join(", "), holds))
 }
 
 fn fuzzed() -> Outcome {

@@ -6,6 +6,7 @@
 //! | `volume` | the surface of a label volume |
 //! | [`surface`] | edges, rims, orientation, volume |
 //! | [`repair`], `walls` | what is wrong with a surface and what was done about it; walls with a thickness |
+//! | `outline` | what the outer faces of walls drawn double still tell |
 //! | `bvh`, `voxels` | nearest wall, rays, the inside as a graph that no step of can cross the wall |
 //! | `path`, `chain`, [`middle`] | ends, the way between them, parts that do not meet, centre line and radius |
 //! | [`contacts`] | where loops touch or are fused |
@@ -26,6 +27,7 @@ pub mod contacts;
 mod error;
 pub mod middle;
 pub mod organ;
+mod outline;
 mod path;
 pub mod read;
 pub mod repair;
@@ -47,6 +49,7 @@ use crate::tract_file::Axes;
 use bvh::Bvh;
 use error::place;
 use nalgebra::Point3;
+use outline::Outline;
 use path::{Pay, search};
 use repair::Closure;
 use sha2::{Digest as _, Sha256};
@@ -84,7 +87,7 @@ pub struct ImportOptions {
     pub labels: Vec<i64>,
     /// Which way the file's axes point; `None` takes those of the format (NIfTI: RAS, MetaImage: LPS), of a surface RAS, and says so.
     pub axes: Option<Axes>,
-    /// The two ends and places between them, from mouth to anus, surface frame, m. Empty: ends are found.
+    /// The two ends and places between them, from mouth to anus, surface frame, m. One: the oral end, the other is found. Empty: both are found.
     pub waypoints_m: Vec<Point3<f64>>,
     /// Where segments begin. Empty: by proportion.
     pub starts: Vec<SegmentStart>,
@@ -182,6 +185,7 @@ pub fn import_surface(
         warnings: Vec::new(),
         repairs: Vec::new(),
         bridges: middle::Bridges::default(),
+        tail: Vec::new(),
     }
     .run(surface)
 }
@@ -196,6 +200,8 @@ struct Importer<'a> {
     warnings: Vec<String>,
     repairs: Vec<Repair>,
     bridges: middle::Bridges,
+    /// Places of the way beyond the ends of an inner face, m.
+    tail: Vec<Point3<f64>>,
 }
 
 impl Importer<'_> {
@@ -204,7 +210,7 @@ impl Importer<'_> {
         self.check_count(triangles)?;
         self.check_size(&surface)?;
         self.tell("repairing", 0.0);
-        let (radius_m, closures) = self.repair(&mut surface)?;
+        let (radius_m, closures, outline) = self.repair(&mut surface)?;
         self.tell("voxels", 0.0);
         let mut voxels = Voxels::new(&surface, radius_m / VOXELS_PER_RADIUS);
         let closed = surface.clone();
@@ -218,7 +224,7 @@ impl Importer<'_> {
                 closures.iter().for_each(|closure| self.repairs[closure.repair].kind = RepairKind::Closed);
             }
         }
-        let is_guided = !self.options.waypoints_m.is_empty();
+        let is_guided = self.is_guided();
         if is_guided {
             voxels.enclose(ENCLOSED_RADII * radius_m);
         }
@@ -226,11 +232,18 @@ impl Importer<'_> {
         let progress = &mut *self.progress;
         voxels.measure(&tree, |done| progress(Progress { stage: "clearance", done }));
         self.tell("way", 0.0);
-        let way = self.way(&voxels, radius_m)?;
+        let outer = outline.as_ref().map(|outline| outline.voxels(voxels.edge_m));
+        let way = self.way(&voxels, outer.as_ref(), radius_m)?;
+        let tree = match &outline {
+            Some(outline) if !self.tail.is_empty() => Bvh::new(&outline.led_on_surface(&surface, &self.tail)),
+            _ => tree,
+        };
+        let has_ends = [!self.options.waypoints_m.is_empty(), is_guided];
         let progress = &mut *self.progress;
-        let mut stations = middle::centre_line(&tree, &way, &self.bridges, is_guided, |done| {
-            progress(Progress { stage: "centre line", done });
-        });
+        let mut stations =
+            middle::centre_line(&tree, outline.as_ref(), &way, &self.bridges, has_ends, |done| {
+                progress(Progress { stage: "centre line", done });
+            });
         self.check_tube(&stations, radius_m)?;
         if self.options.waypoints_m.is_empty() {
             self.turn(&mut stations);
@@ -238,6 +251,11 @@ impl Importer<'_> {
         self.tell("contacts", 0.0);
         let (self_contacts, branches) = contacts::find(&voxels, &stations);
         self.finish(stations, self_contacts, branches, triangles, voxels.edge_m)
+    }
+
+    /// Whether the user names both ends.
+    fn is_guided(&self) -> bool {
+        self.options.waypoints_m.len() > 1
     }
 
     fn tell(&mut self, stage: &'static str, done: f64) {
@@ -271,10 +289,10 @@ impl Importer<'_> {
         ImportError::Unit { file: self.file.clone(), size_m, radius_m, factor, suggestions }
     }
 
-    /// Repairs the surface; its mean radius, m.
-    fn repair(&mut self, surface: &mut Surface) -> Result<(f64, Vec<Closure>), ImportError> {
+    /// Repairs the surface; its mean radius, m, and the outer faces of its walls.
+    fn repair(&mut self, surface: &mut Surface) -> Result<(f64, Vec<Closure>, Option<Outline>), ImportError> {
         let at_m = surface.middle();
-        let is_guided = !self.options.waypoints_m.is_empty();
+        let is_guided = self.is_guided();
         let repaired = repair::repair(surface, is_guided).map_err(|open| ImportError::Open {
             file: self.file.clone(),
             at_m: open.at_m,
@@ -282,7 +300,7 @@ impl Importer<'_> {
             diameter_mm: 1e3 * open.diameter_m,
             limit_mm: 1e3 * open.limit_m,
         })?;
-        let (repairs, closures) = repaired;
+        let repair::Repaired { repairs, closures, outline } = repaired;
         self.repairs = repairs;
         let radius_m = repair::mean_radius_m(surface);
         self.check_walls(surface, radius_m)?;
@@ -296,7 +314,7 @@ impl Importer<'_> {
         if radius_m < RADIUS_M.0 || radius_m > RADIUS_M.1 {
             return Err(self.unit_error(size_m, radius_m));
         }
-        Ok((radius_m, closures))
+        Ok((radius_m, closures, Outline::of(outline)))
     }
 
     /// Refuses, or with waypoints warns of, what still looks like walls with a thickness: the line would run within them.
@@ -305,7 +323,7 @@ impl Importer<'_> {
             return Ok(());
         };
         let error = ImportError::Wall { file: self.file.clone(), at_m, percent: 100.0 * part };
-        if self.options.waypoints_m.is_empty() {
+        if !self.is_guided() {
             return Err(error);
         }
         self.warnings.push(error.to_string());
@@ -336,18 +354,26 @@ impl Importer<'_> {
     }
 
     /// The row of places through the lumen, from end to end.
-    fn way(&mut self, voxels: &Voxels, radius_m: f64) -> Result<Vec<Point3<f64>>, ImportError> {
+    fn way(
+        &mut self,
+        voxels: &Voxels,
+        outer: Option<&Voxels>,
+        radius_m: f64,
+    ) -> Result<Vec<Point3<f64>>, ImportError> {
         let parts = path::parts(voxels);
         let Some(largest) = parts.first() else {
             let reason = format!("no voxel of {:.2} mm lies inside", 1e3 * voxels.edge_m);
             let at_m = voxels.place_m(voxels.len() / 2);
             return Err(ImportError::NoInside { file: self.file.clone(), at_m, reason });
         };
-        if !self.options.waypoints_m.is_empty() {
-            return self.way_through(voxels, radius_m);
+        if self.is_guided() {
+            return self.way_through(voxels, outer, radius_m);
         }
         let total = voxels.inside.len() as f64;
         let large: Vec<_> = parts.iter().filter(|part| part.voxels as f64 >= BUBBLE * total).collect();
+        if large.len() > 1 && self.options.waypoints_m.len() == 1 {
+            return Err(ImportError::WaypointCount { file: self.file.clone(), count: 1 });
+        }
         if large.len() > 1 {
             let has_walls = self.repairs.iter().any(|repair| repair.kind == RepairKind::ThickWall);
             if let Some((way, joints)) = chain::chain(voxels, &parts, large.len(), radius_m, has_walls) {
@@ -365,13 +391,79 @@ impl Importer<'_> {
             let parts = large.iter().map(|part| (part.middle_m, volume_ml(part.voxels))).collect();
             return Err(ImportError::SeveralParts { file: self.file.clone(), parts });
         }
-        let (from, to) = path::furthest_pair(voxels, largest.seed, radius_m);
+        let (from, to) = match self.options.waypoints_m[..] {
+            [] => path::furthest_pair(voxels, largest.seed, radius_m),
+            _ => self.ends_after_first(voxels, radius_m)?,
+        };
+        let ends_m = [from, to].map(|index| voxels.place_m(index));
+        let is_given = !self.options.waypoints_m.is_empty();
+        let tails = [(ends_m, !is_given), ([ends_m[1], ends_m[0]], true)].map(|(ends_m, is_found)| {
+            let outer = outer.filter(|_| is_found);
+            outer.and_then(|outer| outline::tail(outer, voxels, ends_m, radius_m)).unwrap_or_default()
+        });
+        let entry = |tail: &[Point3<f64>], end: usize| {
+            tail.last().and_then(|place| voxels.index_of(place)).unwrap_or(end)
+        };
+        let (from, to) = (entry(&tails[0], from), entry(&tails[1], to));
         let reach = search(voxels, from, Some(to), Pay::Middle { radius_m });
-        Ok(reach.way_to(voxels, to).into_iter().map(|index| voxels.place_m(index)).collect())
+        let way = reach.way_to(voxels, to).into_iter().map(|index| voxels.place_m(index)).collect();
+        Ok(self.with_tails(way, tails))
     }
 
-    fn way_through(&mut self, voxels: &Voxels, radius_m: f64) -> Result<Vec<Point3<f64>>, ImportError> {
-        let stops = self.stops(voxels, radius_m)?;
+    /// The end that the user names and the one found from there.
+    fn ends_after_first(&mut self, voxels: &Voxels, radius_m: f64) -> Result<(usize, usize), ImportError> {
+        let from = self.stop(voxels, radius_m, 0, &self.options.waypoints_m[0], true)?;
+        let to = search(voxels, from, None, Pay::Reach { radius_m }).last;
+        let to = path::led_on(voxels, from, to, radius_m);
+        let anal = place(&voxels.place_m(to));
+        self.warnings.push(format!("the anal end was found, not given: near {anal} mm"));
+        Ok((from, to))
+    }
+
+    /// A way with what lies beyond its ends, and tells of it.
+    fn with_tails(&mut self, way: Vec<Point3<f64>>, tails: [Vec<Point3<f64>>; 2]) -> Vec<Point3<f64>> {
+        for tail in tails.iter().filter(|tail| !tail.is_empty()) {
+            let at_m = tail[tail.len() - 1];
+            let size_m = middle::chords_m(tail);
+            self.repairs.push(Repair { kind: RepairKind::OuterFace, at_m, size_m, count: tail.len() });
+            self.tail.extend(tail);
+        }
+        let [oral, anal] = tails;
+        oral.into_iter().chain(way).chain(anal.into_iter().rev()).collect()
+    }
+
+    /// What leads from an end that the user names within the outer face alone to the lumen; empty where it is in the lumen.
+    fn tail_from(
+        voxels: &Voxels,
+        outer: Option<&Voxels>,
+        [end_m, other_m]: [Point3<f64>; 2],
+        radius_m: f64,
+    ) -> Vec<Point3<f64>> {
+        let is_near = |voxels: &Voxels| {
+            path::nearest_inside(voxels, &end_m).filter(|(_, away_m)| *away_m <= WAYPOINT_M)
+        };
+        let Some(outer) = outer.filter(|_| is_near(voxels).is_none()) else { return Vec::new() };
+        let (from, towards) = (is_near(outer), path::nearest_inside(outer, &other_m));
+        let way = from.zip(towards).and_then(|((from, _), (towards, _))| {
+            outline::into_lumen(outer, voxels, from, towards, radius_m)
+        });
+        way.unwrap_or_default()
+    }
+
+    fn way_through(
+        &mut self,
+        voxels: &Voxels,
+        outer: Option<&Voxels>,
+        radius_m: f64,
+    ) -> Result<Vec<Point3<f64>>, ImportError> {
+        let mut waypoints = self.options.waypoints_m.clone();
+        let last = waypoints.len() - 1;
+        let tails = [[0, last.min(1)], [last, last.saturating_sub(1)]]
+            .map(|ends| Self::tail_from(voxels, outer, ends.map(|i| waypoints[i]), radius_m));
+        for (tail, end) in tails.iter().zip([0, last]) {
+            waypoints[end] = tail.last().copied().unwrap_or(waypoints[end]);
+        }
+        let stops = self.stops(&waypoints, voxels, radius_m)?;
         let mut way = vec![stops[0]];
         for pair in stops.windows(2) {
             let mut reach = search(voxels, pair[0], Some(pair[1]), Pay::Middle { radius_m });
@@ -385,34 +477,44 @@ impl Importer<'_> {
             way.extend(&reach.way_to(voxels, pair[1])[1..]);
         }
         self.list_passages(voxels, &way);
-        Ok(way.into_iter().map(|index| voxels.place_m(index)).collect())
+        let way = way.into_iter().map(|index| voxels.place_m(index)).collect();
+        Ok(self.with_tails(way, tails))
     }
 
     /// The voxels of the waypoints; those between the ends moved to the middle of the lumen.
-    fn stops(&self, voxels: &Voxels, radius_m: f64) -> Result<Vec<usize>, ImportError> {
-        let waypoints = &self.options.waypoints_m;
-        if waypoints.len() < 2 {
-            return Err(ImportError::WaypointCount { file: self.file.clone(), count: waypoints.len() });
-        }
-        let stop = |(index, at_m): (usize, &Point3<f64>)| {
-            let nearest = path::nearest_inside(voxels, at_m).filter(|_| at_m.iter().all(|v| v.is_finite()));
-            let distance_m = nearest.map_or(f64::INFINITY, |(_, distance)| distance);
-            match nearest {
-                Some((voxel, distance)) if distance <= WAYPOINT_M => {
-                    // The ends are where the user says, what lies between only tells the way.
-                    let is_end = index == 0 || index + 1 == waypoints.len();
-                    Ok(if is_end { voxel } else { path::to_the_middle(voxels, voxel, radius_m) })
-                }
-                _ => Err(ImportError::Waypoint {
-                    file: self.file.clone(),
-                    index,
-                    at_m: *at_m,
-                    distance_mm: 1e3 * distance_m,
-                    limit_mm: 1e3 * WAYPOINT_M,
-                }),
-            }
-        };
+    fn stops(
+        &self,
+        waypoints: &[Point3<f64>],
+        voxels: &Voxels,
+        radius_m: f64,
+    ) -> Result<Vec<usize>, ImportError> {
+        let last = waypoints.len() - 1;
+        let stop = |(index, at_m)| self.stop(voxels, radius_m, index, at_m, index == 0 || index == last);
         waypoints.iter().enumerate().map(stop).collect()
+    }
+
+    /// The voxel of a waypoint. The ends are where the user says, what lies between only tells the way.
+    fn stop(
+        &self,
+        voxels: &Voxels,
+        radius_m: f64,
+        index: usize,
+        at_m: &Point3<f64>,
+        is_end: bool,
+    ) -> Result<usize, ImportError> {
+        let nearest = path::nearest_inside(voxels, at_m).filter(|_| at_m.iter().all(|v| v.is_finite()));
+        match nearest {
+            Some((voxel, distance_m)) if distance_m <= WAYPOINT_M => {
+                Ok(if is_end { voxel } else { path::to_the_middle(voxels, voxel, radius_m) })
+            }
+            _ => Err(ImportError::Waypoint {
+                file: self.file.clone(),
+                index,
+                at_m: *at_m,
+                distance_mm: 1e3 * nearest.map_or(f64::INFINITY, |(_, distance_m)| distance_m),
+                limit_mm: 1e3 * WAYPOINT_M,
+            }),
+        }
     }
 
     /// Lists where the way leads through walls.

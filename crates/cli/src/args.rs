@@ -428,8 +428,8 @@ pub struct ImportTract {
     /// Where a segment begins, SEGMENT=x,y,z in mm of the surface's frame; may be repeated.
     #[arg(long, allow_hyphen_values = true)]
     pub start: Vec<String>,
-    /// Both ends and places between them, x,y,z in mm of the surface's frame, from mouth to anus.
-    #[arg(long, num_args = 2.., allow_hyphen_values = true)]
+    /// Both ends and places between them, x,y,z in mm of the surface's frame, from mouth to anus; or the oral end alone.
+    #[arg(long, num_args = 1.., allow_hyphen_values = true)]
     pub waypoints: Vec<String>,
     /// Replace a file that is there.
     #[arg(long)]

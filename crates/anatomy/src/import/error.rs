@@ -148,7 +148,9 @@ pub enum ImportError {
         limit_mm: f64,
     },
     /// Waypoints that cannot be used.
-    #[error("{file}: {count} waypoint(s); give none, or the two ends with what lies between them in order")]
+    #[error(
+        "{file}: {count} waypoint(s); give none, the oral end where the lumen is in one part, or the two ends with what lies between them in order"
+    )]
     WaypointCount {
         /// The file.
         file: String,

@@ -5,6 +5,7 @@
 //! 2. *Middle.* At every station rays of 24 directions in the plane across the line measure the wall, and the station moves towards the
 //!    centroid of the section `Σ A_k c_k / Σ A_k` over the triangles between neighbouring rays. Rays longer than 1.5 times the
 //!    section's median count as that long: in a sharp bend the plane cuts the lumen lengthwise.
+//!    Where the wall was drawn double, the section is that of its outer face ([`super::outline`]), and the station stays in the lumen.
 //! 3. *Smoothing.* Each station becomes the value of a parabola fitted to its neighbourhood by least squares with Gaussian
 //!    weights of the arc length. Unlike a moving average a parabola does not cut bends short (the error is of fourth order).
 //! 4. Stations are set anew every 2 mm in between.
@@ -12,9 +13,10 @@
 //! The radius is the median of the rays.
 
 use super::bvh::Bvh;
+use super::outline::Outline;
 use super::surface::unit_or_zero;
 use nalgebra::{Matrix3, Point3, Vector3};
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Directions in which the wall is measured.
 pub const DIRECTIONS: usize = 24;
@@ -30,6 +32,8 @@ const SMOOTHING_RADII: f64 = 1.5;
 const ROUNDS: usize = 1;
 /// Rays count at most as so many medians.
 const LONGEST_RAY: f64 = 1.5;
+/// A ray goes on so far behind a wall, m: half the distance of corners that are one.
+const BEHIND_M: f64 = 5e-6;
 /// No lumen is wider, m.
 const FURTHEST_WALL_M: f64 = 0.2;
 
@@ -67,33 +71,35 @@ impl Bridges {
     }
 }
 
-/// The centre line of a row of places through the lumen, m. `has_ends`: the row begins and ends where the user says.
+/// The centre line of a row of places through the lumen, m. `has_ends`: whether the row begins, and whether it ends, where the user says.
 pub(super) fn centre_line(
     tree: &Bvh,
+    outline: Option<&Outline>,
     way: &[Point3<f64>],
     bridges: &Bridges,
-    has_ends: bool,
+    has_ends: [bool; 2],
     mut progress: impl FnMut(f64),
 ) -> Vec<ImportStation> {
-    let way = if has_ends { way.to_vec() } else { cut_ends(tree, way) };
+    let way = cut_ends(tree, way, has_ends);
     let mut points = smooth(tree, &resample(&way));
     for round in 0..ROUNDS {
-        let centred = centre(tree, bridges, &points);
+        let centred = centre(tree, outline, bridges, &points);
         let mut smoothed = smooth(tree, &resample(&centred));
-        if has_ends {
-            pin(&mut smoothed, &way);
-        }
+        pin(&mut smoothed, &way, has_ends);
         points = keep_inside(tree, smoothed, &points);
         progress(round as f64 / ROUNDS as f64);
     }
-    let full = if has_ends { (0, points.len().saturating_sub(1)) } else { extend(tree, &mut points) };
-    measure(tree, bridges, &points, full)
+    let full = extend(tree, &mut points, has_ends);
+    measure(tree, outline, bridges, &points, full)
 }
 
-/// Leads both ends of a line straight to the places given.
-fn pin(points: &mut Vec<Point3<f64>>, way: &[Point3<f64>]) {
-    for end in [way.first(), way.last()] {
+/// Leads the ends of a line that are given straight to their places.
+fn pin(points: &mut Vec<Point3<f64>>, way: &[Point3<f64>], has_ends: [bool; 2]) {
+    for (end, is_given) in [way.first(), way.last()].into_iter().zip(has_ends) {
         points.reverse();
+        if !is_given {
+            continue;
+        }
         // The end that is now last is the first of `way` in the first round.
         let (Some(end), Some(last)) = (end, points.last().copied()) else { continue };
         let count = ((end - last).norm() / STATION_M).round() as usize;
@@ -101,13 +107,14 @@ fn pin(points: &mut Vec<Point3<f64>>, way: &[Point3<f64>]) {
     }
 }
 
-/// Cuts both ends after the last place that is within 1.5 clearances of the row's beginning.
-fn cut_ends(tree: &Bvh, way: &[Point3<f64>]) -> Vec<Point3<f64>> {
+/// Cuts the ends that were found after the last place that is within 1.5 clearances of the row's beginning.
+fn cut_ends(tree: &Bvh, way: &[Point3<f64>], has_ends: [bool; 2]) -> Vec<Point3<f64>> {
     let is_near =
         |p: &Point3<f64>, end: &Point3<f64>| (p - end).norm() < 1.5 * tree.distance_m(p, FURTHEST_WALL_M);
     let (Some(first), Some(last)) = (way.first(), way.last()) else { return Vec::new() };
-    let from = way.iter().rposition(|p| is_near(p, first)).unwrap_or(0);
-    let to = way.iter().position(|p| is_near(p, last)).unwrap_or(way.len() - 1);
+    let from = if has_ends[0] { None } else { way.iter().rposition(|p| is_near(p, first)) };
+    let to = if has_ends[1] { None } else { way.iter().position(|p| is_near(p, last)) };
+    let (from, to) = (from.unwrap_or(0), to.unwrap_or(way.len() - 1));
     if from < to { way[from..=to].to_vec() } else { way.to_vec() }
 }
 
@@ -173,8 +180,7 @@ fn across(tangent: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
 
 fn rays(tree: &Bvh, from: &Point3<f64>, normal: &Vector3<f64>, binormal: &Vector3<f64>) -> [f64; DIRECTIONS] {
     std::array::from_fn(|k| {
-        let angle = TAU * k as f64 / DIRECTIONS as f64;
-        let direction = normal * angle.cos() + binormal * angle.sin();
+        let direction = direction(k, normal, binormal);
         tree.hit_m(from, &direction, FURTHEST_WALL_M).unwrap_or(FURTHEST_WALL_M)
     })
 }
@@ -185,30 +191,81 @@ fn median(rays: &[f64; DIRECTIONS]) -> f64 {
     0.5 * (sorted[DIRECTIONS / 2 - 1] + sorted[DIRECTIONS / 2])
 }
 
-/// Every point moved to the centroid of its section.
-fn centre(tree: &Bvh, bridges: &Bridges, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+/// Every point moved to the centroid of its section: of the outline where that is all round it, else of the lumen.
+fn centre(
+    tree: &Bvh,
+    outline: Option<&Outline>,
+    bridges: &Bridges,
+    points: &[Point3<f64>],
+) -> Vec<Point3<f64>> {
     let tangents = tangents(points, 2);
-    let moved = |(point, tangent): (&Point3<f64>, &Vector3<f64>)| {
+    let moved = |i: usize| {
+        let (point, tangent) = (&points[i], &tangents[i]);
         if bridges.hold(point) {
             return *point;
         }
         let (normal, binormal) = across(tangent);
-        let rays = rays(tree, point, &normal, &binormal);
-        let longest = LONGEST_RAY * median(&rays);
-        let (mut area, mut moment) = (0.0, Vector3::zeros());
-        let corner = |k: usize| {
-            let angle = TAU * (k % DIRECTIONS) as f64 / DIRECTIONS as f64;
-            (normal * angle.cos() + binormal * angle.sin()) * rays[k % DIRECTIONS].min(longest)
-        };
-        for k in 0..DIRECTIONS {
-            let (a, b) = (corner(k), corner(k + 1));
-            let twice = a.cross(&b).norm();
-            area += twice;
-            moment += twice * (a + b) / 3.0;
+        match outline.and_then(|outline| exits(tree, outline, points, i, (&normal, &binormal))) {
+            Some(rays) => short_of_wall(tree, point, centroid(&rays, &normal, &binormal)),
+            None => point + centroid(&rays(tree, point, &normal, &binormal), &normal, &binormal),
         }
-        if area > 0.0 { point + moment / area } else { *point }
     };
-    points.iter().zip(&tangents).map(moved).collect()
+    (0..points.len()).map(moved).collect()
+}
+
+/// Where the rays from a point of the line leave the outline, if all do. Where one meets the lumen of another loop before, their walls are fused, and
+/// half the tissue between counts.
+fn exits(
+    tree: &Bvh,
+    outline: &Outline,
+    points: &[Point3<f64>],
+    i: usize,
+    (normal, binormal): (&Vector3<f64>, &Vector3<f64>),
+) -> Option<[f64; DIRECTIONS]> {
+    let from = points[i];
+    let mut rays = [0.0; DIRECTIONS];
+    for (k, ray) in rays.iter_mut().enumerate() {
+        let direction = direction(k, normal, binormal);
+        *ray = outline.exit_m(&from, &direction, FURTHEST_WALL_M)?;
+        let Some(wall_m) = tree.hit_m(&from, &direction, *ray) else { continue };
+        let behind = from + direction * (wall_m + BEHIND_M);
+        let Some(tissue_m) = tree.hit_m(&behind, &direction, *ray - wall_m) else { continue };
+        // Of its own loop it is what lies behind a fold, or across a bend of up to half a circle.
+        let there = behind + direction * tissue_m;
+        let away = |j: &usize| (points[*j] - there).norm_squared();
+        let nearest = (0..points.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(i);
+        if i.abs_diff(nearest) as f64 * STATION_M > FRAC_PI_2 * (wall_m + tissue_m) {
+            *ray = wall_m + 0.5 * tissue_m;
+        }
+    }
+    Some(rays)
+}
+
+/// One of [`DIRECTIONS`] across the line.
+fn direction(k: usize, normal: &Vector3<f64>, binormal: &Vector3<f64>) -> Vector3<f64> {
+    let angle = TAU * (k % DIRECTIONS) as f64 / DIRECTIONS as f64;
+    normal * angle.cos() + binormal * angle.sin()
+}
+
+/// From a point to the centroid of the section that its rays measure.
+fn centroid(rays: &[f64; DIRECTIONS], normal: &Vector3<f64>, binormal: &Vector3<f64>) -> Vector3<f64> {
+    let longest = LONGEST_RAY * median(rays);
+    let (mut area, mut moment) = (0.0, Vector3::zeros());
+    let corner = |k: usize| direction(k, normal, binormal) * rays[k % DIRECTIONS].min(longest);
+    for k in 0..DIRECTIONS {
+        let (a, b) = (corner(k), corner(k + 1));
+        let twice = a.cross(&b).norm();
+        area += twice;
+        moment += twice * (a + b) / 3.0;
+    }
+    if area > 0.0 { moment / area } else { Vector3::zeros() }
+}
+
+/// The place shifted, or half way to the wall of the lumen where that is before it.
+fn short_of_wall(tree: &Bvh, point: &Point3<f64>, shift: Vector3<f64>) -> Point3<f64> {
+    let length_m = shift.norm();
+    let wall_m = tree.hit_m(point, &unit_or_zero(shift), length_m);
+    point + unit_or_zero(shift) * wall_m.map_or(length_m, |wall_m| 0.5 * wall_m)
 }
 
 /// Where smoothing led the line through the wall, the line from before stands, three stations to both sides.
@@ -235,11 +292,14 @@ pub(super) fn is_walled(tree: &Bvh, a: &Point3<f64>, b: &Point3<f64>) -> bool {
     length > 0.0 && tree.hit_m(a, &((b - a) / length), length).is_some()
 }
 
-/// Leads both ends straight on to the wall; the first and the last of the stations that were there before.
-fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>) -> (usize, usize) {
+/// Leads the ends that were found straight on to the wall; the first and the last of the stations that were there before.
+fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>, has_ends: [bool; 2]) -> (usize, usize) {
     let mut added = [0; 2];
-    for count in &mut added {
+    for (count, is_given) in added.iter_mut().zip(has_ends) {
         points.reverse();
+        if is_given {
+            continue;
+        }
         let Some(last) = points.last().copied() else { break };
         let radius = tree.distance_m(&last, FURTHEST_WALL_M);
         let back = ((radius / STATION_M).ceil() as usize).clamp(1, points.len() - 1);
@@ -256,6 +316,7 @@ fn extend(tree: &Bvh, points: &mut Vec<Point3<f64>>) -> (usize, usize) {
 
 fn measure(
     tree: &Bvh,
+    outline: Option<&Outline>,
     bridges: &Bridges,
     points: &[Point3<f64>],
     (from, to): (usize, usize),
@@ -268,7 +329,15 @@ fn measure(
     let mut section_of = Vec::with_capacity(points.len());
     for (i, (point, tangent)) in points.iter().zip(&tangents).enumerate() {
         normal = unit_or_zero(normal - tangent * tangent.dot(&normal));
-        let rays_m = rays(tree, point, &normal, &tangent.cross(&normal));
+        let binormal = tangent.cross(&normal);
+        let mut rays_m = rays(tree, point, &normal, &binormal);
+        if let Some(outline) = outline {
+            // Where the inner face ends, a ray may pass between it and the outer one.
+            for (k, ray_m) in rays_m.iter_mut().enumerate() {
+                let exit_m = outline.exit_m(point, &direction(k, &normal, &binormal), *ray_m);
+                *ray_m = exit_m.unwrap_or(*ray_m);
+            }
+        }
         stations.push(ImportStation { point_m: *point, radius_m: median(&rays_m), rays_m, normal });
         if (from..=to).contains(&i) && !bridges.hold(point) {
             in_lumen = i;

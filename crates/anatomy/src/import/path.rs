@@ -225,7 +225,7 @@ pub(super) fn furthest_pair(voxels: &Voxels, seed: usize, radius_m: f64) -> (usi
 }
 
 /// The place near an end that is furthest from the other, and on from there while the lumen is narrow: a rectum, a terminal ileum.
-fn led_on(voxels: &Voxels, other: usize, end: usize, radius_m: f64) -> usize {
+pub(super) fn led_on(voxels: &Voxels, other: usize, end: usize, radius_m: f64) -> usize {
     let from_other = search(voxels, other, None, Pay::Length);
     let far = |index: usize| from_other.cost[index];
     let mut end = end;

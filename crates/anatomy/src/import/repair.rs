@@ -70,6 +70,8 @@ pub enum RepairKind {
     Speck,
     /// Two parts of the lumen whose ends face each other were joined.
     Parts,
+    /// The inner face of a wall ends before the outer one, and the line goes on within that.
+    OuterFace,
     /// The line was led through a wall between two waypoints.
     Passage,
 }
@@ -115,6 +117,11 @@ impl fmt::Display for Repair {
             RepairKind::Parts => {
                 format!("the lumen is blind here: two ends facing each other joined over {mm:.1} mm")
             }
+            RepairKind::OuterFace => {
+                format!(
+                    "the inner face of the wall ends here: the line goes on {mm:.1} mm within the outer one"
+                )
+            }
             RepairKind::Passage => format!("the line was led {mm:.1} mm outside the lumen, through walls"),
         };
         write!(f, "{words}, at {} mm", place(&self.at_m))
@@ -129,11 +136,20 @@ pub(super) struct OpenRim {
     pub(super) limit_m: f64,
 }
 
+/// What was done to a surface, and what of it is of use later.
+pub(super) struct Repaired {
+    pub(super) repairs: Vec<Repair>,
+    pub(super) closures: Vec<Closure>,
+    /// The outer faces of walls drawn double, closed. Without triangles where there were none.
+    pub(super) outline: Surface,
+}
+
 /// Repairs a surface; `is_guided` closes rims of any width. The rim that stays open is the error.
-pub(super) fn repair(surface: &mut Surface, is_guided: bool) -> Result<(Vec<Repair>, Vec<Closure>), OpenRim> {
+pub(super) fn repair(surface: &mut Surface, is_guided: bool) -> Result<Repaired, OpenRim> {
     let mut repairs = weld(surface);
     repairs.extend(orient(surface));
-    repairs.extend(unnest(surface));
+    let (nested, mut outline) = unnest(surface);
+    repairs.extend(nested);
     let radius_m = mean_radius_m(surface);
     let walls = walls::take_inner_faces(surface, radius_m);
     let wall_m = walls.iter().map(|wall| wall.size_m).fold(0.0, f64::max);
@@ -145,7 +161,12 @@ pub(super) fn repair(surface: &mut Surface, is_guided: bool) -> Result<(Vec<Repa
     repairs.extend(closed);
     // Strips and closures may not agree with their neighbours where a rim was twisted; nothing but the volume looks at it.
     surface.orient();
-    Ok((repairs, closures))
+    // The outline is only looked at, so what closes it is told to nobody.
+    join_rims(&mut outline, 0.0);
+    drop_specks(&mut outline);
+    close_rims(&mut outline, true)?;
+    outline.orient();
+    Ok(Repaired { repairs, closures, outline })
 }
 
 /// The triangles that close a rim.
@@ -302,15 +323,16 @@ fn repair_of(kind: RepairKind, shell: &Shell) -> Repair {
 /// Most components looked at: a surface with more of them is dust.
 const MAX_SHELLS: usize = 200;
 
-/// Removes the outer of two nested shells of similar size, and small shells inside others.
-fn unnest(surface: &mut Surface) -> Vec<Repair> {
+/// Removes the outer of two nested shells of similar size, which it returns, and small shells inside others.
+fn unnest(surface: &mut Surface) -> (Vec<Repair>, Surface) {
     let (count, _) = surface.components();
     if !(2..=MAX_SHELLS).contains(&count) {
-        return Vec::new();
+        return (Vec::new(), surface.part(|_| false));
     }
     let (shells, labels) = shells(surface);
     let mut repairs = Vec::new();
     let mut is_gone = vec![false; shells.len()];
+    let mut is_outer = vec![false; shells.len()];
     // Content first, while the outer faces are there to tell it.
     for kind in [RepairKind::Content, RepairKind::OuterWall] {
         for (outer, inner) in
@@ -324,11 +346,13 @@ fn unnest(surface: &mut Surface) -> Vec<Repair> {
             }
             let gone = if is_face { outer } else { inner };
             is_gone[gone] = true;
+            is_outer[gone] = is_face;
             repairs.push(repair_of(kind, &shells[gone]));
         }
     }
+    let outline = surface.part(|t| is_outer[labels[t] as usize]);
     *surface = surface.part(|t| !is_gone[labels[t] as usize]);
-    repairs
+    (repairs, outline)
 }
 
 fn contains(outer: &Shell, inner: &Shell) -> bool {

@@ -177,7 +177,7 @@ impl ColonConfig {
         };
         let mass = site("mass", [start_m, end_m], self.mass());
         sites.push(Site { whole: true, origins: Some(origins), ..mass });
-        if let Some(origins) = self.defecations(tract, limits_m[0]) {
+        if let Some(origins) = Self::defecations(tract, limits_m[0]) {
             let defecation = site("defecation", limits_m, self.defecation());
             sites.push(Site { whole: true, origins: Some(origins), ..defecation });
         }
@@ -187,7 +187,7 @@ impl ColonConfig {
     }
 
     /// Where defecations begin, in a tract with a way out; `first_m`: where the colon does.
-    fn defecations(&self, tract: &Tract, first_m: f64) -> Option<Origins> {
+    fn defecations(tract: &Tract, first_m: f64) -> Option<Origins> {
         use SegmentKey::{Ascending, Caecum, Rectum, Sigmoid};
         let [sigmoid_m, end_m] = span_of(tract, &[Sigmoid, Rectum])?;
         if tract.ends.1 != End::Exit || end_m < tract.length_m() {

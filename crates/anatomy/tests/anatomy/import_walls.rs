@@ -187,3 +187,24 @@ fn law_a_window_between_loops_is_no_short_cut() {
     assert!((tract.length_m / length_m - 1.0).abs() < 0.04, "{} of {length_m}", tract.length_m);
     assert!(tract.self_contacts.iter().any(|contact| contact.is_fused), "{:?}", tract.self_contacts);
 }
+
+#[test]
+fn closed_form_a_double_wall_centres_the_line_and_leads_it_on_where_the_inner_face_ends() {
+    // An inner face 1.5 mm beside the axis, from 4 mm behind the one end to 40 mm before the other.
+    let beside = |t: f64| (straight(0.02 + 0.78 * t).0 + Vector3::new(0.0015, 0.0, 0.0), Vector3::y());
+    let mesh = tube(101, OUTER_M, straight).with(&tube(81, 0.0075, beside));
+    let tract = imported(&mesh);
+    tract.repairs.iter().for_each(|repair| println!("{repair}"));
+    assert_eq!(kinds(&tract, RepairKind::OuterWall).len(), 1);
+    let led_on = kinds(&tract, RepairKind::OuterFace);
+    assert_eq!(led_on.len(), 1, "{:?}", tract.repairs);
+    assert!((led_on[0].at_m - straight(0.8).0).norm() < 0.008, "{}", led_on[0].at_m);
+    assert!((tract.length_m - 0.196).abs() < 0.006, "{} m", tract.length_m);
+    let away_mm = |p: &Point3<f64>| 1e3 * (p.x - 0.01).hypot(p.z - 0.03);
+    // Far from both ends, where the line comes from corners.
+    let middle: Vec<f64> =
+        tract.stations.iter().filter(|s| s.point_m.y.abs() < 0.06).map(|s| away_mm(&s.point_m)).collect();
+    let worst_mm = middle.iter().copied().fold(0.0, f64::max);
+    println!("{} m, {worst_mm} mm beside the axis", tract.length_m);
+    assert!(middle.len() > 20 && worst_mm < 0.3, "{worst_mm} mm");
+}
