@@ -189,17 +189,17 @@ fn fuzzy(seed: u64) -> MotilityConfig {
     scale!(stomach, duodenum, jejunum, ileum, terminal_ileum);
     config.colon.haustral_amplitude.0 = about(4, 0.0, 0.8);
     config.colon.burst_fraction.0 = about(5, 0.1, 1.0);
-    if seed % 2 == 0 {
+    if seed.is_multiple_of(2) {
         config.colon.mass_rate_per_day.0 = about(6, 100.0, 1000.0);
     }
-    if seed % 3 == 0 {
+    if seed.is_multiple_of(3) {
         config
             .meal
             .push(MealConfig { start_s: NonNegative(about(7, 0.0, FUZZED_S)), ..MealConfig::default() });
     }
-    if seed % 4 == 0 {
+    if seed.is_multiple_of(4) {
         config.fault.push(FaultConfig {
-            kind: if seed % 8 == 0 { FaultKind::Ileus } else { FaultKind::Gastroparesis },
+            kind: if seed.is_multiple_of(8) { FaultKind::Ileus } else { FaultKind::Gastroparesis },
             start_s: NonNegative(about(8, 0.0, FUZZED_S)),
             end_s: None,
             remaining: Fraction(about(9, 0.0, 1.0)),
