@@ -5,7 +5,7 @@
 //! 2. *Middle.* At every station rays of 24 directions in the plane across the line measure the wall, and the station moves towards the
 //!    centroid of the section `Σ A_k c_k / Σ A_k` over the triangles between neighbouring rays. Rays longer than 1.5 times the
 //!    section's median count as that long: in a sharp bend the plane cuts the lumen lengthwise.
-//!    Where the wall was drawn double, the section is that of its outer face ([`super::outline`]), and the station stays in the lumen.
+//!    Where the wall was drawn double, the section is that of its outer face (`import/outline.rs`), and the station stays in the lumen.
 //! 3. *Smoothing.* Each station becomes the value of a parabola fitted to its neighbourhood by least squares with Gaussian
 //!    weights of the arc length. Unlike a moving average a parabola does not cut bends short (the error is of fourth order).
 //! 4. Stations are set anew every 2 mm in between.
