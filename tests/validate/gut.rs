@@ -1,5 +1,8 @@
 //! A living gut: the Shows lines that there are so far.
 
+#[path = "../../crates/anatomy/examples/import_people/people.rs"]
+mod people;
+
 use crate::row::{Outcome, Sheet};
 use crate::tools::{lumenav, root, run};
 use lumenav::anatomy::CentreLine;
@@ -15,6 +18,7 @@ use lumenav::core::config::quantity::{Finite, Fraction, NonNegative};
 use lumenav::core::{CapsuleBody, Node, RandomStreams, SimTime};
 use lumenav::scenario::engine::{Engine, EngineConfig, FuzzReport, fuzz_inside_lumen};
 use nalgebra::{UnitQuaternion, Vector3};
+use people::{Imported, PEOPLE};
 use rand::Rng as _;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -34,53 +38,6 @@ const GENERATED: u64 = 1000;
 /// Mean distance of an imported line from the one given, mm, and error of a segment's length, at most.
 const AWAY_MM: f64 = 3.0;
 const LENGTH_ERROR: f64 = 0.05;
-
-/// A surface of a person with the segments of the centre line given.
-struct Imported {
-    person: &'static str,
-    organ: &'static str,
-    segments: &'static [&'static str],
-    /// What a user names, mm, as in the library's example `import_people`. Empty: unaided.
-    waypoints_mm: &'static [[f64; 3]],
-}
-
-/// The first person's surfaces are asked for unaided, the second's may be helped; a third was never given.
-const IMPORTED: [Imported; 4] = [
-    Imported {
-        person: "EdinGCA_3D_00090",
-        organ: "small_intestine",
-        segments: &["esophagus_part", "stomach", "duodenum", "jejunum", "ileum", "terminal_ileum"],
-        waypoints_mm: &[],
-    },
-    Imported {
-        person: "EdinGCA_3D_00090",
-        organ: "large_intestine",
-        segments: &["cecum", "cecum_colon", "ascending", "transverse", "descending", "sigmoid", "rectum"],
-        waypoints_mm: &[],
-    },
-    Imported {
-        person: "HuBMAPVHM_3D_00070",
-        organ: "small_intestine",
-        segments: &["duodenum", "jejunum", "ileum", "terminal_ileum"],
-        waypoints_mm: &[],
-    },
-    Imported {
-        person: "HuBMAPVHM_3D_00070",
-        organ: "large_intestine",
-        segments: &["cecum", "ascending", "transverse", "descending", "sigmoid_rectum"],
-        waypoints_mm: &[
-            [-59.0, -35.0, 125.0],
-            [-60.0, -60.0, 137.0],
-            [-85.0, -60.0, 190.0],
-            [-63.0, -60.0, 320.0],
-            [-60.0, -90.0, 258.0],
-            [97.0, -32.0, 376.0],
-            [60.0, -62.0, 87.0],
-            [0.0, 60.0, 65.0],
-            [2.0, 83.0, -23.0],
-        ],
-    },
-];
 
 /// What of a reproduction's table is read here.
 #[derive(Deserialize)]
@@ -213,7 +170,10 @@ fn imports() -> Outcome {
     let tracts = Path::new(&data).join("tracts");
     let mut told = Vec::new();
     let mut holds = true;
-    for one in &IMPORTED {
+    // The first person's surfaces are asked for unaided, the second's may be helped; a third was never given.
+    let unaided = |one: Imported| Imported { waypoints_mm: &[], ..one };
+    let as_asked = |one: Imported| if one.person == PEOPLE[0].person { unaided(one) } else { one };
+    for one in PEOPLE.map(as_asked) {
         let (person, organ) = (one.person, one.organ);
         let name = format!("{person} {organ} ({} waypoints)", one.waypoints_mm.len());
         let surface = tracts.join(format!("{person}_{organ}.stl"));
@@ -223,7 +183,7 @@ fn imports() -> Outcome {
             continue;
         }
         let given = tracts.join(format!("{person}_centerline.csv"));
-        match imported(one, &surface, &given) {
+        match imported(&one, &surface, &given) {
             Ok((figure, meets)) => {
                 told.push(format!("{name}: {figure}"));
                 holds &= meets;

@@ -8,54 +8,14 @@
 //! person's colon transverse (3.9 mm) and caecum (3.3 mm, +10 %) do not, also with nine waypoints: the given line itself runs 5 and 7 mm beside the centroids
 //! of the lumen's sections there, and the outer faces, in which it is centred elsewhere, are fused between the loops.
 
+mod people;
+
 use lumenav_anatomy::CentreLine;
 use lumenav_anatomy::import::{ImportOptions, import_surface};
 use nalgebra::Point3;
+use people::{Imported, PEOPLE};
 use std::path::Path;
 use std::time::Instant;
-
-const PEOPLE: [(&str, &str, &[&str]); 4] = [
-    (
-        "EdinGCA_3D_00090_small_intestine",
-        "EdinGCA_3D_00090",
-        &["esophagus_part", "stomach", "duodenum", "jejunum", "ileum", "terminal_ileum"],
-    ),
-    (
-        "EdinGCA_3D_00090_large_intestine",
-        "EdinGCA_3D_00090",
-        &["cecum", "cecum_colon", "ascending", "transverse", "descending", "sigmoid", "rectum"],
-    ),
-    (
-        "HuBMAPVHM_3D_00070_small_intestine",
-        "HuBMAPVHM_3D_00070",
-        &["duodenum", "jejunum", "ileum", "terminal_ileum"],
-    ),
-    (
-        "HuBMAPVHM_3D_00070_large_intestine",
-        "HuBMAPVHM_3D_00070",
-        &["cecum", "ascending", "transverse", "descending", "sigmoid_rectum"],
-    ),
-];
-
-/// What a user names, mm: of the first person the ileocaecal valve; of the second the mouth of the appendix, the caecum, the valve, the
-/// hepatic flexure, the lowest place of the transverse colon, the splenic flexure, where the descending colon ends, the rectum, the anus.
-const WAYPOINTS_MM: [(&str, &[[f64; 3]]); 2] = [
-    ("EdinGCA_3D_00090_large_intestine", &[[154.0, 164.0, 184.0]]),
-    (
-        "HuBMAPVHM_3D_00070_large_intestine",
-        &[
-            [-59.0, -35.0, 125.0],
-            [-60.0, -60.0, 137.0],
-            [-85.0, -60.0, 190.0],
-            [-63.0, -60.0, 320.0],
-            [-60.0, -90.0, 258.0],
-            [97.0, -32.0, 376.0],
-            [60.0, -62.0, 87.0],
-            [0.0, 60.0, 65.0],
-            [2.0, 83.0, -23.0],
-        ],
-    ),
-];
 
 /// A segment's name, places and radii, m.
 type Given = (String, Vec<(Point3<f64>, f64)>);
@@ -81,11 +41,10 @@ fn main() {
         return println!("LUMENAV_DATA is not set");
     };
     let asked: Vec<String> = std::env::args().skip(1).collect();
-    let unaided = PEOPLE.map(|person| (person, &[] as &[[f64; 3]]));
-    let guided = PEOPLE.iter().flat_map(|person| {
-        WAYPOINTS_MM.iter().filter(|(name, _)| *name == person.0).map(|(_, places)| (*person, *places))
-    });
-    for ((surface, person, segments), waypoints_mm) in unaided.into_iter().chain(guided) {
+    let unaided = PEOPLE.map(|one| Imported { waypoints_mm: &[], ..one });
+    let guided = PEOPLE.into_iter().filter(|one| !one.waypoints_mm.is_empty());
+    for Imported { person, organ, segments, waypoints_mm } in unaided.into_iter().chain(guided) {
+        let surface = format!("{person}_{organ}");
         if !asked.is_empty() && !asked.iter().any(|name| surface.contains(name.as_str())) {
             continue;
         }
