@@ -9,6 +9,7 @@ use crate::obstacles;
 use crate::patient::{Patient, calibrated_frame, frame_of};
 use crate::wave_notes::WaveWatch;
 use crate::world::{TruthHistory, World, WorldNote};
+use lumenav_anatomy::lumen::Lumen;
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::MotilityConfig;
 use lumenav_anatomy::motility_sources::MOTILITY_SOURCES;
@@ -232,7 +233,7 @@ impl World for EngineWorld {
     }
 
     fn static_scene(&self, out: &mut Vec<Primitive>) {
-        draw_tract(self.engine.tract(), out);
+        draw_lumen(self.engine.lumen(), out);
         obstacles::draw(&self.obstacles, out);
     }
 
@@ -272,10 +273,11 @@ impl World for EngineWorld {
 /// Colours of the segments, in turn (Tol's light scheme: told apart by colour-blind readers).
 const SEGMENT_RGBA: [u32; 6] = [0xEE88_6640, 0x77AA_DD40, 0xEEDD_8840, 0xFFAA_BB40, 0x99DD_FF40, 0x44BB_9940];
 
-/// Resting lumen and centre line.
-pub fn draw_tract(tract: &Tract, out: &mut Vec<Primitive>) {
+/// Resting lumen, with its folds, and centre line.
+fn draw_lumen(lumen: &Lumen, out: &mut Vec<Primitive>) {
+    let tract = lumen.tract();
     let rings = (tract.length_m() / DRAWN_RING_M).ceil() as usize + 1;
-    let mesh = tube_mesh(tract, rings, DRAWN_SIDES, |s, _| tract.radius.radius_m(s));
+    let mesh = tube_mesh(tract, rings, DRAWN_SIDES, |s, _| lumen.resting_radius_m(s));
     let colour = |s: &f32| SEGMENT_RGBA[tract.segment_index_at(f64::from(*s)) % SEGMENT_RGBA.len()];
     out.push(Primitive::Mesh {
         path: "tract/lumen".into(),
