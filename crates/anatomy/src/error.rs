@@ -103,6 +103,12 @@ pub enum AnatomyError {
         /// What is wrong with it.
         error: Box<AnatomyError>,
     },
+    /// An interval that another one of its kind has already.
+    #[error("{name}: it overlaps an earlier one; allowed: before that begins or after it ends")]
+    Overlap {
+        /// Name with its unit.
+        name: &'static str,
+    },
     /// A value outside its range.
     #[error("{name} has to be from {low} to {high}, it is {value}")]
     OutOfRange {
@@ -231,6 +237,7 @@ impl AnatomyError {
         match self {
             Self::NotPositive { name, .. }
             | Self::OutOfRange { name, .. }
+            | Self::Overlap { name }
             | Self::TooManyWaves { name, .. } => name.split_whitespace().next(),
             Self::NoSuchSegment { .. } => Some("segment"),
             _ => None,

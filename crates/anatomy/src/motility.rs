@@ -186,7 +186,7 @@ struct MotorComplex {
 }
 
 impl MotorComplex {
-    /// The meal that is digested at `time_s`; of several the first in the file.
+    /// The meal that is digested at `time_s`; there is one at a time.
     fn meal_at(&self, time_s: f64) -> Option<&MealConfig> {
         self.meals.iter().find(|meal| meal.lasts_at(time_s))
     }

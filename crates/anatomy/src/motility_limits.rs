@@ -142,7 +142,11 @@ impl MotilityConfig {
             fault.check().map_err(|error| AnatomyError::InFault { index, error: Box::new(error) })?;
         }
         for (index, meal) in self.meal.iter().enumerate() {
-            meal.check().map_err(|error| AnatomyError::InMeal { index, error: Box::new(error) })?;
+            let in_meal = |error| AnatomyError::InMeal { index, error: Box::new(error) };
+            meal.check().map_err(in_meal)?;
+            if self.meal[..index].iter().any(|other| other.overlaps(meal)) {
+                return Err(in_meal(AnatomyError::Overlap { name: "start_s" }));
+            }
         }
         among("mmc.period_s", self.mmc.period_s.0, PERIODS_S)?;
         let sum: f64 = self.mmc.fractions.iter().map(|fraction| fraction.0).sum();

@@ -66,7 +66,8 @@ impl FaultConfig {
     pub(crate) fn check(&self) -> Result<(), AnatomyError> {
         in_range("start_s", self.start_s.0, 0.0, LATEST_S)?;
         let Some(end_s) = self.end_s else { return Ok(()) };
-        in_range("end_s (after start_s)", end_s.0, self.start_s.0, LATEST_S)
+        // It lasts for a while.
+        in_range("end_s (after start_s)", end_s.0, self.start_s.0.next_up(), LATEST_S)
     }
 }
 

@@ -44,8 +44,17 @@ impl MealConfig {
         in_range("duration_s", self.duration_s.0, 0.0, LATEST_S)
     }
 
+    fn end_s(&self) -> f64 {
+        self.start_s.0 + self.duration_s.0
+    }
+
+    /// Whether both are digested at some time.
+    pub(crate) fn overlaps(&self, other: &Self) -> bool {
+        self.start_s.0 < other.end_s() && other.start_s.0 < self.end_s()
+    }
+
     /// Whether it is digested at `time_s`.
     pub(super) fn lasts_at(&self, time_s: f64) -> bool {
-        (self.start_s.0..self.start_s.0 + self.duration_s.0).contains(&time_s)
+        (self.start_s.0..self.end_s()).contains(&time_s)
     }
 }

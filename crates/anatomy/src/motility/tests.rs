@@ -242,6 +242,11 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
             "scenario.toml:4:9: `motility.fault[0].end_s`: fault 1",
         ),
         ("[[motility.meal]]\nstart_s = 1e12", "scenario.toml:2:11: `motility.meal[0].start_s`: meal 1"),
+        (
+            "[[motility.meal]]\nduration_s = 600\n[[motility.meal]]\nstart_s = 599",
+            "scenario.toml:4:11: `motility.meal[1].start_s`: meal 2",
+        ),
+        ("[[motility.fault]]\nkind = \"ileus\"\nstart_s = 9\nend_s = 9", "scenario.toml:4:9:"),
     ] {
         let node = Node::parse_text(text, "scenario.toml", Path::new(""), &[]).unwrap();
         let motility = node.child_or_empty("motility");
@@ -253,6 +258,10 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
 
 /// A straight gut with all segments, 0.2 m each.
 fn whole_gut() -> Tract {
+    whole_gut_with(End::Exit)
+}
+
+fn whole_gut_with(anal_end: End) -> Tract {
     let segment = |(i, key): (usize, SegmentKey)| {
         let z = 0.2 * i as f64;
         let points_m: Vec<_> = (0..=4).map(|k| Point3::new(0.0, 0.0, z + 0.05 * f64::from(k))).collect();
@@ -262,7 +271,7 @@ fn whole_gut() -> Tract {
     let draft = TractDraft {
         name: "t".into(),
         segments: SegmentKey::ALL.into_iter().enumerate().map(segment).collect(),
-        ends: (End::Closed, End::Exit),
+        ends: (End::Closed, anal_end),
         torso_half_extents_m: None,
         source: String::new(),
     };
@@ -428,11 +437,9 @@ fn published_defecations_empty_what_scintigraphy_saw() {
     assert!((middle - sigmoid_m).abs() < 0.05, "{middle}, {sigmoid_m}");
     assert!((last - (end_m - 0.6 * (end_m - sigmoid_m))).abs() < 0.01, "{last}");
     // A tract without a way out has none.
-    let closed = colon(&ColonRequest::default(), &streams(1)).unwrap().tract;
-    if closed.ends.1 == End::Closed {
-        let motility = Motility::new(&MotilityConfig::default(), &closed, &streams(2)).unwrap();
-        assert!(motility.cells.iter().all(|cell| cell.name != "defecation/0"));
-    }
+    let closed = whole_gut_with(End::Closed);
+    let motility = Motility::new(&MotilityConfig::default(), &closed, &streams(2)).unwrap();
+    assert!(motility.cells.iter().all(|cell| cell.name != "defecation/0"));
 }
 
 #[test]
