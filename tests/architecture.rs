@@ -23,7 +23,7 @@ const ALLOWED: [(&str, &[&str]); 18] = [
         "reproduce",
         &["core", "fields", "anatomy", "scenario", "magnetic", "pet", "fusion", "evaluation", "figures"],
     ),
-    ("recording", &["core", "pipeline"]),
+    ("recording", &["core", "figures", "pipeline"]),
     ("report", &["core", "pipeline", "evaluation"]),
     (
         "lumenav",

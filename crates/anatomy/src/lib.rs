@@ -8,6 +8,7 @@
 
 pub mod bends;
 pub mod centre_line;
+pub mod diverticulum;
 pub mod error;
 pub mod generator;
 pub mod import;

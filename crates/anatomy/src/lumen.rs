@@ -1,7 +1,7 @@
 //! The moving lumen: the radius R(s, φ, t) of the tube around the centre line.
 //!
 //! ```text
-//! R(s, φ, t) = R0(s) [1 - min(0.98, Σ_j a_j G E)] [1 - h(s, φ, t) H(s)]
+//! R(s, φ, t) = R0(s) [1 - min(0.98, Σ_j a_j G E)] [1 - h(s, φ, t) H(s)] + Σ_k D_k(s, φ)
 //! H(s) = (½ + ½ cos(2π s/p))⁴      h(s, φ, t) = h0 B(s) [1 - r (½ + ½ cos 3φ)] (1 - f)
 //! f = 1 - Π_j (1 - E_j W_j)         W = S((y + 3w)/2w) S((a - y)/0.05 m),  y = (s - s_j - v_j (t - t_j)) sign(v_j)
 //! ```
@@ -13,13 +13,17 @@
 //! factor `1 - f`. The angle φ is measured from the station's normal towards its binormal. With an amplitude of zero the
 //! result is exactly the resting tube.
 //!
+//! D_k are the pouches of the wall ([`crate::diverticulum`]), of which there are none unless they are put in.
+//!
 //! Derivatives are analytic. Where the waves close the lumen by more than 98 % their sum is cut off and its derivatives are
 //! zero. A wave further away than 7 widths is not counted (it would change the radius by 2e-11 of itself).
 //!
-//! Neglected: the cross-section stays a circle (but for the taeniae), the wall does not move along the tract, and its inertia.
+//! Neglected: the cross-section stays a circle (but for taeniae and diverticula), the wall does not move along the tract, and its inertia.
 
+use crate::diverticulum::Diverticulum;
 use crate::motility::{Motility, WaveInstant, smooth_step};
 use crate::tract::Tract;
+use nalgebra::Vector3;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -56,6 +60,7 @@ pub struct Lumen {
     tract: Arc<Tract>,
     motility: Motility,
     folds: Vec<Folds>,
+    diverticula: Vec<Diverticulum>,
     focus: Focus,
 }
 
@@ -106,7 +111,17 @@ impl Lumen {
             since_s: f64::INFINITY,
             revision: u64::MAX,
         };
-        Self { tract, motility, folds, focus }
+        Self { tract, motility, folds, diverticula: Vec::new(), focus }
+    }
+
+    /// Adds a pouch of the wall.
+    pub fn insert(&mut self, diverticulum: Diverticulum) {
+        self.diverticula.push(diverticulum);
+    }
+
+    /// Its pouches, in the order in which they came.
+    pub fn diverticula(&self) -> &[Diverticulum] {
+        &self.diverticula
     }
 
     /// The tract.
@@ -131,9 +146,21 @@ impl Lumen {
         self.sample(s_m, angle_rad, waves.chain(gate))
     }
 
-    /// The resting radius with folds at angle 0, m.
-    pub fn resting_radius_m(&self, s_m: f64) -> f64 {
-        self.sample(s_m, 0.0, std::iter::empty()).radius_m
+    /// The resting radius with folds, m.
+    pub fn resting_radius_m(&self, s_m: f64, angle_rad: f64) -> f64 {
+        self.sample(s_m, angle_rad, std::iter::empty()).radius_m
+    }
+
+    /// The resting radius without folds (m) and its derivatives by arc length and angle (m/rad): what is behind all that gives way.
+    pub fn outermost(&self, s_m: f64, angle_rad: f64) -> Vector3<f64> {
+        let (radius_m, d_ds) = self.tract.radius.with_slope(s_m);
+        Vector3::new(radius_m, d_ds, 0.0) + self.bulge(s_m, angle_rad)
+    }
+
+    /// What the diverticula add to the radius, m, and its derivatives by arc length and angle.
+    #[inline]
+    fn bulge(&self, s_m: f64, angle_rad: f64) -> Vector3<f64> {
+        self.diverticula.iter().map(|one| one.at(s_m, angle_rad)).sum()
     }
 
     /// Advances to `time_s` and prepares [`Lumen::radius_near`] for arc lengths within `half_width_m` of `s_m`.
@@ -191,9 +218,8 @@ impl Lumen {
         let mut until_s = self.motility.next_event_s();
         if let Some(gate) = self.motility.gate()
             && (gate.place_m() - s_m).abs() <= half_width_m + STILL_WIDTHS * gate.width_m()
-            && !gate.openings_s.is_empty()
         {
-            return now_s;
+            until_s = until_s.min(gate.still_until_s(now_s));
         }
         for wave in self.motility.active() {
             let centre_m = wave.centre_m(now_s);
@@ -214,7 +240,7 @@ impl Lumen {
 
     /// Whether the radius depends on the angle anywhere.
     pub fn depends_on_angle(&self) -> bool {
-        self.folds.iter().any(|folds| folds.taenia_relief > 0.0)
+        !self.diverticula.is_empty() || self.folds.iter().any(|folds| folds.taenia_relief > 0.0)
     }
 
     #[inline]
@@ -245,13 +271,20 @@ impl Lumen {
         let (rest_m, rest_ds) = self.tract.radius.with_slope(s_m);
         let (open, folded) =
             (1.0 - closed, folds.map_or(Ripple::NONE, |folds| folds.at(s_m, angle_rad, &standing)));
-        RadiusSample {
+        let mut sample = RadiusSample {
             radius_m: rest_m * open * folded.open,
             d_ds: (rest_ds * open - rest_m * closed_ds) * folded.open + rest_m * open * folded.d_ds,
             d_dt_m_s: -rest_m * closed_dt * folded.open + rest_m * open * folded.d_dt,
             d_dangle_m: rest_m * open * folded.d_dangle,
             closed,
+        };
+        if !self.diverticula.is_empty() {
+            let bulge = self.bulge(s_m, angle_rad);
+            sample.radius_m += bulge.x;
+            sample.d_ds += bulge.y;
+            sample.d_dangle_m += bulge.z;
         }
+        sample
     }
 }
 
@@ -409,7 +442,8 @@ mod tests {
             (SegmentKey::Transverse, 27.1),
             (SegmentKey::Jejunum, 20.0),
         ] {
-            let lumen = lumen(key, &busy(), time_s);
+            let mut lumen = lumen(key, &busy(), time_s);
+            lumen.insert(Diverticulum::new(0.3, 2.0, 0.015, 0.03, 0.015));
             let h = 1e-6;
             let mut moving = 0;
             for i in 0..4000 {

@@ -37,7 +37,7 @@ use crate::pylorus::Gate;
 use crate::tract::Tract;
 use cell::{Cell, site_cells};
 pub(crate) use cell::{Origins, Site};
-use fault::Impairment;
+use fault::{FaultConfig, Impairment};
 use lumenav_core::{RandomStream, RandomStreams};
 use meal::MealConfig;
 use rand::Rng as _;
@@ -251,7 +251,8 @@ impl Motility {
             taenia_relief: config.taenia_relief.0,
             gate: (config.spontaneous && config.amplitude_scale.0 > 0.0)
                 .then(|| Gate::new(&config.pylorus, config.amplitude_scale.0, tract))
-                .flatten(),
+                .flatten()
+                .map(|gate| gate.held_open(config.fault.iter().filter_map(FaultConfig::reflux_s))),
             active: Vec::with_capacity(256),
             time_s: 0.0,
             revision: 0,

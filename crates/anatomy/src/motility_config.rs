@@ -461,7 +461,8 @@ impl MotilityConfig {
             let span_m = [segment.start_m, segment.end_m];
             // Waves of the small bowel run on into the next part of it.
             let limits_m = small_bowel(tract).unwrap_or(span_m);
-            let site = Site::new(segment.key.to_string(), Organ::SmallBowel, span_m, rhythm);
+            let organ = if segment.key == SegmentKey::Duodenum { Organ::Duodenum } else { Organ::SmallBowel };
+            let site = Site::new(segment.key.to_string(), organ, span_m, rhythm);
             sites.push(Site { limits_m, front_delay_s, ..site });
         }
         self.colon.sites(tract, &mut sites);

@@ -12,6 +12,8 @@
 //!
 //! While a meal is digested ([`crate::motility::meal`]) no wave opens it to something as large as a capsule.
 //!
+//! In reflux ([`crate::motility::fault`]) it is held open: its closure then goes, and comes back, within a quarter of T.
+//!
 //! Neglected: coordination with the duodenum, that it lets small things through while it is closed.
 
 use crate::motility::{Wave, WaveInstant, smooth_step, uniform};
@@ -30,6 +32,8 @@ pub struct Gate {
     opening_fraction: f64,
     open_s: f64,
     ahead_m: f64,
+    /// While contents come back through it, s.
+    held_open_s: Vec<[f64; 2]>,
     /// Middles of the openings to come and present, s.
     pub(crate) openings_s: VecDeque<f64>,
 }
@@ -46,8 +50,14 @@ impl Gate {
             opening_fraction: config.opening_fraction.0,
             open_s: config.open_s.0,
             ahead_m: config.ahead_m.0,
+            held_open_s: Vec::new(),
             openings_s: VecDeque::with_capacity(8),
         })
+    }
+
+    /// The same, held open at these times.
+    pub(crate) fn held_open(self, times_s: impl Iterator<Item = [f64; 2]>) -> Self {
+        Self { held_open_s: times_s.collect(), ..self }
     }
 
     /// An antral wave has started: it opens the gate before it arrives, or does not (never while a meal is digested).
@@ -78,6 +88,13 @@ impl Gate {
             open += on * off;
             rate += 4.0 * (on_rate * off - on * off_rate) / self.open_s;
         }
+        let edge_s = 0.25 * self.open_s;
+        for [from_s, to_s] in &self.held_open_s {
+            let (on, on_rate) = smooth_step((time_s - from_s) / edge_s);
+            let (off, off_rate) = smooth_step((to_s - time_s) / edge_s);
+            open += on * off;
+            rate += (on_rate * off - on * off_rate) / edge_s;
+        }
         // Two waves may open it at a time.
         let (open, rate) = if open >= 1.0 { (1.0, 0.0) } else { (open, rate) };
         WaveInstant {
@@ -94,6 +111,17 @@ impl Gate {
         }
     }
 
+    /// Until when it stands as it is, s; the present time where it moves.
+    pub(crate) fn still_until_s(&self, now_s: f64) -> f64 {
+        if !self.openings_s.is_empty() {
+            return now_s;
+        }
+        let edge_s = 0.25 * self.open_s;
+        let moves_s = self.held_open_s.iter().flat_map(|[from_s, to_s]| [*from_s, to_s - edge_s]);
+        let next_s = moves_s.filter(|start_s| start_s + edge_s > now_s).fold(f64::INFINITY, f64::min);
+        next_s.max(now_s)
+    }
+
     /// Width of the Gaussian, m.
     pub(crate) fn width_m(&self) -> f64 {
         self.width_m
@@ -105,8 +133,10 @@ impl Gate {
     }
 
     /// What its openings follow from.
-    pub(crate) fn law(&self) -> [f64; 6] {
-        [self.place_m, self.closure, self.width_m, self.opening_fraction, self.open_s, self.ahead_m]
+    pub(crate) fn law(&self) -> ([f64; 6], &[[f64; 2]]) {
+        let numbers =
+            [self.place_m, self.closure, self.width_m, self.opening_fraction, self.open_s, self.ahead_m];
+        (numbers, &self.held_open_s)
     }
 }
 

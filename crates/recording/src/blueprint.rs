@@ -7,8 +7,10 @@
 //! |                           | NEES             |
 //! |                           +------------------+
 //! +-------------+-------------+ along the tract  |
-//! |  camera     |  camera     +------------------+
-//! |  (if any)   |             | events           |
+//! |             |             +------------------+
+//! |  camera     |  camera     | segment          |
+//! |  (if any)   |             +------------------+
+//! |             |             | events           |
 //! +-------------+-------------+------------------+
 //! ```
 //!
@@ -20,7 +22,7 @@
 
 use crate::error::RecordingError;
 use crate::output::Output;
-use crate::palette::GROUND;
+use crate::palette::{self, GROUND};
 use crate::store::{SIM_TIME, Store, entity};
 use rerun::external::re_log_types::{BlueprintActivationCommand, TimeCell, TimePoint};
 use rerun::external::re_sdk_types::blueprint::archetypes as arch;
@@ -30,6 +32,10 @@ use rerun::external::re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, Vis
 use rerun::log::LogMsg;
 use rerun::{AsComponents, Color, StoreId, StoreKind};
 use std::collections::{BTreeMap, BTreeSet};
+
+/// Plots of a run up to this long share the time axis of the viewer, which shows about a minute; those of a longer one show all of it, each by
+/// itself, s.
+pub(crate) const LINKED_S: f64 = 60.0;
 
 /// What the layout depends on.
 #[derive(Clone, Debug, Default)]
@@ -46,6 +52,10 @@ pub(crate) struct Layout {
     pub(crate) nees_top: Option<f64>,
     /// Whether there is a tract to be along.
     pub(crate) along_tract: bool,
+    /// Whether it is told in which segment the capsule is.
+    pub(crate) has_segments: bool,
+    /// Whether it is long: see [`LINKED_S`].
+    pub(crate) is_long: bool,
     /// Whether a controller moves a sensor.
     pub(crate) moved: bool,
     /// Whether there is a truth to compare with.
@@ -237,9 +247,14 @@ fn left_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Recordi
     if let Some((position, target)) = layout.eye() {
         eye = eye.with_position(position).with_look_target(target);
     }
+    let name = if layout.along_tract {
+        format!("Scene (world, m; {})", palette::SPEED_LEGEND)
+    } else {
+        "Scene (world, m)".to_owned()
+    };
     let scene = writer.view(
         "3D",
-        "Scene (world, m)",
+        &name,
         "/world",
         &["+ /world/**"],
         &[("Background", &background), ("LineGrid3D", &grid), ("EyeControls3D", &eye)],
@@ -266,11 +281,21 @@ fn left_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Recordi
     Ok(writer.container(comp::ContainerKind::Vertical, &[(scene, 2.4), (row, 1.0)])?.0)
 }
 
+/// A time axis from the first to the last row.
+fn whole_run() -> arch::TimeAxis {
+    let all = TimeRange { start: TimeRangeBoundary::Infinite, end: TimeRangeBoundary::Infinite };
+    arch::TimeAxis::new().with_link(comp::LinkAxis::Independent).with_view_range(comp::TimeRange(all))
+}
+
 /// Plots and events.
 fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, RecordingError> {
     let background = arch::PlotBackground::new().with_color(Color::from_u32(GROUND)).with_show_grid(true);
     let legend = arch::PlotLegend::new().with_corner(comp::Corner2D::LeftTop);
-    let axis = arch::TimeAxis::new().with_link(comp::LinkAxis::LinkToGlobal);
+    let axis = if layout.is_long {
+        whole_run()
+    } else {
+        arch::TimeAxis::new().with_link(comp::LinkAxis::LinkToGlobal)
+    };
     let mut rows = Vec::new();
     let plot = |writer: &mut Writer<'_>, name: &str, origin: &str, top: Option<f64>| {
         let range = top.map(|top| {
@@ -289,6 +314,11 @@ fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Record
     }
     if layout.along_tract {
         rows.push((plot(writer, "Along the tract (m)", "/plots/along_tract", None)?, 0.8));
+    }
+    if layout.has_segments {
+        let timeline =
+            writer.view("StateTimeline", "Segment", "/segment", &["+ $origin/**"], &[("TimeAxis", &axis)])?;
+        rows.push((timeline, 0.4));
     }
     if layout.moved {
         rows.push((plot(writer, "Moved sensor along z (mm)", "/plots/moved", None)?, 0.6));

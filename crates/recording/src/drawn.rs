@@ -6,7 +6,7 @@ use crate::output::Output;
 use crate::pacing::Gate;
 use crate::palette;
 use crate::store::{Store, entity, row_bytes, time_point};
-use crate::trail::Trail;
+use crate::trail::{Piece, Trail};
 use lumenav_core::{FixKind, SimTime};
 use lumenav_pipeline::RunHeader;
 use rerun::external::re_log_types::TimePoint;
@@ -19,6 +19,8 @@ pub(crate) struct Drawn {
     /// Path of the pose below it.
     pub(crate) pose: &'static str,
     pub(crate) colour: u32,
+    /// Whether its path shows how fast it was, in place of its colour.
+    pub(crate) shows_speed: bool,
     pub(crate) gate: Gate,
     pub(crate) trail: Trail,
     /// What its solid shows, once it is drawn.
@@ -37,6 +39,7 @@ impl Drawn {
             root,
             pose,
             colour,
+            shows_speed: false,
             gate: Gate::new(),
             trail: Trail::default(),
             solid: None,
@@ -107,11 +110,12 @@ impl Drawn {
         store: &mut Store,
         output: &mut Output,
         at: SimTime,
-        piece: Option<Vec<[f32; 3]>>,
+        piece: Option<Piece>,
     ) -> Result<usize, RecordingError> {
         let Some(piece) = piece else { return Ok(0) };
-        let strip = rerun::LineStrips3D::new([piece])
-            .with_colors([Color::from_u32(self.colour)])
+        let rgba = if self.shows_speed { palette::speed(piece.speed_m_s()) } else { self.colour };
+        let strip = rerun::LineStrips3D::new([piece.points_m])
+            .with_colors([Color::from_u32(rgba)])
             .with_radii([rerun::Radius::new_ui_points(if self.pose == "truth" { 2.2 } else { 1.4 })]);
         let batches = strip.as_serialized_batches();
         let bytes = row_bytes(&batches);

@@ -2,7 +2,7 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: a recording shows the truth beside the estimates")]
 
-use crate::blueprint::{self, Layout};
+use crate::blueprint::{self, LINKED_S, Layout};
 use crate::bursts::{Bursts, Line};
 use crate::drawn::Drawn;
 use crate::error::RecordingError;
@@ -44,6 +44,8 @@ struct Run {
     pace: Pace,
     layout: Layout,
     truth: Drawn,
+    /// Where the capsule was last.
+    segment: Option<Name>,
     tracks: BTreeMap<Name, Drawn>,
     scenes: BTreeMap<String, Scene>,
     bursts: Bursts,
@@ -130,7 +132,8 @@ impl Run {
                 (t.name.clone(), Drawn::new(format!("world/tracks/{}", t.name), "pose", palette::track(i)))
             })
             .collect();
-        let mut layout = Layout { has_truth: header.has_truth, ..Layout::default() };
+        let is_long = header.duration_s.is_none_or(|duration_s| duration_s > LINKED_S);
+        let mut layout = Layout { has_truth: header.has_truth, is_long, ..Layout::default() };
         layout.paths = tracks.values().map(|t| entity(&format!("{}/path", t.root)).to_string()).collect();
         layout.paths.push("/world/capsule/path".to_owned());
         let mut run = Self {
@@ -138,6 +141,7 @@ impl Run {
             pace: Pace { full: options.full, duration_s: header.duration_s },
             layout,
             truth: Drawn::new("world/capsule".to_owned(), "truth", palette::TRUTH),
+            segment: None,
             tracks,
             scenes: BTreeMap::new(),
             bursts: Bursts::default(),
@@ -239,6 +243,11 @@ impl Run {
     fn on_truth(&mut self, output: &mut Output, truth: &CapsuleTruth) -> Result<(), RecordingError> {
         self.see(output, truth.at)?;
         self.layout.include(point_m(&truth.world_from_capsule.translation.vector));
+        if truth.arc_length_m.is_some() {
+            self.layout.along_tract = true;
+            self.truth.shows_speed = true;
+            self.tell_segment(output, truth)?;
+        }
         let at_s = truth.at.seconds();
         if !self.truth.gate.is_open(at_s) {
             return Ok(());
@@ -255,12 +264,23 @@ impl Run {
         bytes +=
             self.truth.walk(&mut self.store, output, truth.at, &truth.world_from_capsule, self.pace.full)?;
         if let Some(arc_m) = truth.arc_length_m {
-            self.layout.along_tract = true;
             bytes += self.plot(output, "along_tract", "truth", &time, arc_m)?;
         }
         let rest = self.pace.rest_s(Class::Track, self.tracks.len() + 1, bytes, at_s);
         self.truth.gate.close(at_s, rest);
         Ok(())
+    }
+
+    /// The timeline of the segments: a row when the capsule comes into another one, or leaves the tract.
+    fn tell_segment(&mut self, output: &mut Output, truth: &CapsuleTruth) -> Result<(), RecordingError> {
+        if self.segment == truth.segment {
+            return Ok(());
+        }
+        self.segment.clone_from(&truth.segment);
+        self.layout.has_segments = true;
+        let state = rerun::archetypes::StateChange::new()
+            .with_state_opt([truth.segment.as_ref().map(|segment| segment.to_string())]);
+        self.store.log(output, &entity("segment"), time_point(truth.at, None), &state)
     }
 
     fn on_update(&mut self, output: &mut Output, update: &TrackUpdate<'_>) -> Result<(), RecordingError> {
@@ -431,6 +451,7 @@ impl Run {
             self.tell(output, "refusals", Some(line), rerun::TextLogLevel::WARN)?;
         }
         let last = self.last;
+        self.layout.is_long = last.seconds() > LINKED_S;
         self.draw_bands(output, last)?;
         self.truth.lift(&mut self.store, output, last)?;
         for drawn in self.tracks.values_mut() {

@@ -2,6 +2,7 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: the engine is where truth comes from")]
 
+use crate::diverticula;
 use crate::engine::{ENGINE_SOURCES, Engine, EngineConfig, EngineError, EventKind, Obstacle};
 use crate::error::ScenarioError;
 use crate::file::{ScenarioFile, TractTable};
@@ -111,9 +112,13 @@ impl EngineWorld {
         if let Some(patient) = patient {
             engine = engine.within(patient);
         }
-        let obstacles = obstacles::place_all(&table.obstacle, &tract, &file.node.child_or_empty("tract"))?;
+        let tract_node = file.node.child_or_empty("tract");
+        let obstacles = obstacles::place_all(&table.obstacle, &tract, &tract_node)?;
         for part in obstacles.iter().flatten() {
             engine.insert_obstacle(part);
+        }
+        for diverticulum in diverticula::place_all(&table.diverticulum, &tract, &tract_node)? {
+            engine.insert_diverticulum(diverticulum);
         }
         engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
         let waves = WaveWatch::new(engine.lumen().motility());
@@ -246,7 +251,7 @@ impl World for EngineWorld {
         for i in 0..=rings {
             let s = i as f64 * DRAWN_RING_M;
             let sample = self.engine.lumen().radius(s, 0.0, time_s);
-            if sample.radius_m < CONTRACTED * self.engine.lumen().resting_radius_m(s) {
+            if sample.radius_m < CONTRACTED * self.engine.lumen().resting_radius_m(s, 0.0) {
                 let station = tract.station(s);
                 let corner = |k: usize| {
                     let angle = std::f64::consts::TAU * k as f64 / DRAWN_SIDES as f64;
@@ -277,7 +282,7 @@ const SEGMENT_RGBA: [u32; 6] = [0xEE88_6640, 0x77AA_DD40, 0xEEDD_8840, 0xFFAA_BB
 fn draw_lumen(lumen: &Lumen, out: &mut Vec<Primitive>) {
     let tract = lumen.tract();
     let rings = (tract.length_m() / DRAWN_RING_M).ceil() as usize + 1;
-    let mesh = tube_mesh(tract, rings, DRAWN_SIDES, |s, _| lumen.resting_radius_m(s));
+    let mesh = tube_mesh(tract, rings, DRAWN_SIDES, |s, angle| lumen.resting_radius_m(s, angle));
     let colour = |s: &f32| SEGMENT_RGBA[tract.segment_index_at(f64::from(*s)) % SEGMENT_RGBA.len()];
     out.push(Primitive::Mesh {
         path: "tract/lumen".into(),

@@ -6,6 +6,7 @@
 //! Every key has a default that makes sense, unknown keys are errors, and every error names file, line, key and what is
 //! allowed. The same reader serves replays: there `[[sensor]]` has `.files` instead of a schedule.
 
+use crate::diverticula::DiverticulumTable;
 use crate::error::ScenarioError;
 use crate::obstacles::ObstacleTable;
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
@@ -110,6 +111,9 @@ pub struct TractTable {
     /// What stands in it, `[[tract.obstacle]]`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub obstacle: Vec<ObstacleTable>,
+    /// Pouches of its wall, `[[tract.diverticulum]]`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub diverticulum: Vec<DiverticulumTable>,
 }
 
 fn one() -> Positive {

@@ -5,6 +5,7 @@
 //! either breathes, turns, coughs, walks and is moved.
 
 mod build;
+pub mod diverticula;
 pub mod engine;
 pub mod engine_world;
 pub mod error;
@@ -13,6 +14,7 @@ pub mod kinematic;
 pub mod obstacles;
 pub mod path;
 pub mod patient;
+mod places;
 mod wave_notes;
 pub mod world;
 

@@ -6,6 +6,7 @@
 //! lumen. The capsule meets them as rapier's colliders ([`Obstacle`]); the wall around them moves as it would without.
 
 use crate::engine::Obstacle;
+use crate::places::arc_length_m;
 use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::Tract;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
@@ -63,7 +64,7 @@ impl ObstacleTable {
     /// # Errors
     /// [`ConfigError`] with file, line and key: not in the tract, a size that its kind does not have or lacks.
     pub fn place(&self, tract: &Tract, node: &Node) -> Result<Vec<Obstacle>, ConfigError> {
-        let s_m = self.arc_length_m(tract, node)?;
+        let s_m = arc_length_m(self.segment, self.at_mm, tract, node)?;
         let size_m = 1e-3 * self.size_mm(node)?;
         let wall_m = tract.radius.radius_m(s_m);
         let thickness_m = 1e-3 * self.thickness_mm.map_or(USUAL_THICKNESS_MM, |t| t.0);
@@ -106,27 +107,6 @@ impl ObstacleTable {
                 }]
             }
         })
-    }
-
-    /// Where it stands along the tract, m.
-    fn arc_length_m(&self, tract: &Tract, node: &Node) -> Result<f64, ConfigError> {
-        let (origin_m, end_m, whose) = match self.segment {
-            None => (0.0, tract.length_m(), "tract"),
-            Some(key) => {
-                let segment = tract.segment(key).ok_or_else(|| {
-                    let there = tract.segments.iter().map(|s| s.key.as_str()).collect::<Vec<_>>().join(", ");
-                    node.error_at("segment", &format!("the tract has no {key}; allowed: {there}"))
-                })?;
-                (segment.start_m, segment.end_m, key.as_str())
-            }
-        };
-        let s_m = origin_m + 1e-3 * self.at_mm.0;
-        if s_m > end_m {
-            let most_mm = 1e3 * (end_m - origin_m);
-            let message = format!("is beyond the end of the {whose}; allowed: 0 to {most_mm:.0}");
-            return Err(node.error_at("at_mm", &message));
-        }
-        Ok(s_m)
     }
 
     /// The size that its kind has, mm; keys that it has not are refused.

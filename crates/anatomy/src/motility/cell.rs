@@ -9,6 +9,9 @@ use lumenav_core::RandomStreams;
 /// Cells of one rhythm: enough for 7 m of bowel in cells of 2 cm.
 const MOST_CELLS: usize = 400;
 
+/// How far a wave that runs back over an organ's oral end goes beyond it, in widths: a capsule before it is then through.
+const BACK_BEYOND_WIDTHS: f64 = 3.0;
+
 /// A renewal process of contractions in one stretch of a segment.
 #[derive(Debug, Clone)]
 pub(super) struct Cell {
@@ -144,11 +147,16 @@ impl Cell {
         if let Some(meal) = self.front_delay_s.and_then(|_| cycle.meal_at(time_s)) {
             strength *= meal.amplitude_factor.0;
         }
-        let aboral = direction < rhythm.aboral_fraction;
+        let aboral = direction < rhythm.aboral_fraction * Impairment::aboral(&self.impairments, time_s);
+        let beyond_m = if Impairment::turns(&self.impairments, time_s) {
+            BACK_BEYOND_WIDTHS * rhythm.width_m
+        } else {
+            0.0
+        };
         let drawn_run_m = rhythm.run_m[0] + length * (rhythm.run_m[1] - rhythm.run_m[0]);
         let way = match self.origins {
             Some(origins) => self.way_from(&origins, place, drawn_run_m),
-            None => self.way_of(self.start_m + place * self.length_m, aboral, drawn_run_m)?,
+            None => self.way_of(self.start_m + place * self.length_m, aboral, drawn_run_m, beyond_m)?,
         };
         (way.run_m >= SHORTEST_RUN_M).then(|| Wave {
             start_time_s: time_s,
@@ -165,13 +173,18 @@ impl Cell {
     }
 
     /// The way of a wave that rises as it goes. What would come in over the oral end starts there, with what is left of its run.
-    fn way_of(&self, start_m: f64, aboral: bool, wanted_m: f64) -> Option<Way> {
+    /// What runs back ends there, or `beyond_m` before it.
+    fn way_of(&self, start_m: f64, aboral: bool, wanted_m: f64, beyond_m: f64) -> Option<Way> {
         let before_m = (self.limits_m[0] - start_m).max(0.0);
         if before_m > 0.0 && !aboral {
             return None;
         }
         let (start_m, wanted_m) = (start_m + before_m, wanted_m - before_m);
-        let free_m = if aboral { self.limits_m[1] - start_m } else { start_m - self.limits_m[0] };
+        let back_m = start_m - self.limits_m[0];
+        if !aboral && back_m < wanted_m {
+            return Some(Way { start_m, run_m: back_m + beyond_m, forms_s: 0.0 });
+        }
+        let free_m = if aboral { self.limits_m[1] - start_m } else { back_m };
         Some(Way { start_m, run_m: wanted_m.min(free_m), forms_s: 0.0 })
     }
 

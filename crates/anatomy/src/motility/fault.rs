@@ -2,6 +2,10 @@
 //!
 //! A fault leaves only a part of an organ's contractions, from a time on and for a while: gastroparesis those of the stomach (and with them the
 //! openings of the pylorus), ileus those of the small bowel and the colon. Waves that run when it begins end as they would have.
+//!
+//! Reflux leaves a part of the duodenum's aboral contractions; the others run towards the stomach, through a pylorus that stands open as long. Of the
+//! antral waves, which would meet them there, it leaves the same part: duodenal waves run back when the antrum rests (*juxtapyloric retroperistalsis* in the bibliography), and contents
+//! come back with them (Castedal et al. 2000) through a pylorus that is open (Ehrlein et al. 1989, in dogs).
 
 use crate::error::AnatomyError;
 use crate::motility_limits::in_range;
@@ -23,7 +27,7 @@ pub struct FaultConfig {
     /// Until when, s; for good where it is not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end_s: Option<Positive>,
-    /// Part of the contractions that is left, 0 to 1. Default 0: none (a paralysis).
+    /// Part of the contractions that is left (in reflux: of the stomach's, and of the duodenum's aboral ones), 0 to 1. Default 0: none.
     #[serde(default = "none")]
     pub remaining: Fraction,
 }
@@ -36,6 +40,8 @@ pub enum FaultKind {
     Gastroparesis,
     /// Small bowel and colon.
     Ileus,
+    /// Duodenum and pylorus: what is in the duodenum comes back into the stomach.
+    Reflux,
 }
 
 /// The kind of organ whose contractions a cell makes.
@@ -43,6 +49,8 @@ pub enum FaultKind {
 pub(crate) enum Organ {
     Oesophagus,
     Stomach,
+    Duodenum,
+    /// What of it lies behind the duodenum.
     SmallBowel,
     Colon,
 }
@@ -59,8 +67,15 @@ impl FaultConfig {
     fn concerns(&self, organ: Organ) -> bool {
         match self.kind {
             FaultKind::Gastroparesis => organ == Organ::Stomach,
-            FaultKind::Ileus => matches!(organ, Organ::SmallBowel | Organ::Colon),
+            FaultKind::Ileus => matches!(organ, Organ::Duodenum | Organ::SmallBowel | Organ::Colon),
+            FaultKind::Reflux => matches!(organ, Organ::Stomach | Organ::Duodenum),
         }
+    }
+
+    /// While contents come back through the pylorus, s.
+    pub(crate) fn reflux_s(&self) -> Option<[f64; 2]> {
+        let end_s = self.end_s.map_or(f64::INFINITY, |end_s| end_s.0);
+        (self.kind == FaultKind::Reflux).then_some([self.start_s.0, end_s])
     }
 
     pub(crate) fn check(&self) -> Result<(), AnatomyError> {
@@ -77,6 +92,8 @@ pub(crate) struct Impairment {
     start_s: f64,
     end_s: f64,
     remaining: f64,
+    /// What does not remain runs the other way.
+    turns: bool,
 }
 
 impl Impairment {
@@ -87,13 +104,27 @@ impl Impairment {
             start_s: fault.start_s.0,
             end_s: fault.end_s.map_or(f64::INFINITY, |end_s| end_s.0),
             remaining: fault.remaining.0,
+            turns: fault.kind == FaultKind::Reflux && organ == Organ::Duodenum,
         };
         concerned.map(impairment).collect()
     }
 
     /// Part of the contractions that is left at a time.
     pub(super) fn remaining(all: &[Self], time_s: f64) -> f64 {
-        let present = all.iter().filter(|one| (one.start_s..one.end_s).contains(&time_s));
-        present.map(|one| one.remaining).product()
+        Self::present(all, time_s).filter(|one| !one.turns).map(|one| one.remaining).product()
+    }
+
+    /// Part of the aboral contractions that still run aborally at a time.
+    pub(super) fn aboral(all: &[Self], time_s: f64) -> f64 {
+        Self::present(all, time_s).filter(|one| one.turns).map(|one| one.remaining).product()
+    }
+
+    /// Whether contractions run the other way at a time.
+    pub(super) fn turns(all: &[Self], time_s: f64) -> bool {
+        Self::present(all, time_s).any(|one| one.turns)
+    }
+
+    fn present(all: &[Self], time_s: f64) -> impl Iterator<Item = &Self> {
+        all.iter().filter(move |one| (one.start_s..one.end_s).contains(&time_s))
     }
 }

@@ -602,8 +602,53 @@ fn law_a_fault_leaves_its_part_of_the_contractions_of_its_organ() {
     let left = f64::from(weak[0][0]) / f64::from(well[0][0]);
     // Of some 62 waves: standard error 0.06.
     assert!((left - 0.4).abs() < 0.2, "{left} of the antral waves");
-    for (text, said) in [("kind = \"reflux\"", "ileus"), ("kind = \"ileus\"\nremaining = 2", "remaining")] {
+    for (text, said) in [("kind = \"spasm\"", "reflux"), ("kind = \"ileus\"\nremaining = 2", "remaining")] {
         let error = parse(&format!("[[motility.fault]]\n{text}")).unwrap_err().to_string();
         assert!(error.contains(said) && error.contains("scenario.toml:"), "{error}");
     }
+}
+
+#[test]
+fn law_reflux_turns_the_duodenum_round_and_holds_the_pylorus_open() {
+    let tract = stomach_and_duodenum(0.012);
+    let of = |fault: &str| {
+        let text = format!("[motility.mmc]\nrate_factor = [1, 1, 1]\n{fault}");
+        Motility::new(&parse(&text).unwrap(), &tract, &streams(3)).unwrap()
+    };
+    let reflux = "[[motility.fault]]\nkind = \"reflux\"\nstart_s = 600\nend_s = 1200";
+    // Waves of the duodenum: all, and those that run orally, in each third.
+    let counts = |motility: Motility| {
+        let mut counts = [[0_u32; 2]; 3];
+        for wave in waves(motility, 1800.0, 0.2).iter().filter(|wave| wave.start_arc_length_m >= 0.2) {
+            let third = &mut counts[(wave.start_time_s / 600.0) as usize];
+            third[0] += 1;
+            third[1] += u32::from(wave.speed_m_s < 0.0);
+        }
+        counts
+    };
+    let (well, ill) = (counts(of("")), counts(of(reflux)));
+    assert_eq!(well[0], ill[0]);
+    assert!(well.iter().all(|[all, oral]| *all > 100 && *oral > 0 && 3 * *oral < *all), "{well:?}");
+    assert!(ill[1][0] > 100 && ill[1][0] == ill[1][1], "{ill:?}");
+    assert!(3 * ill[2][1] < ill[2][0], "{ill:?}");
+    // Part of them goes on aborally.
+    let half = counts(of(&format!("{reflux}\nremaining = 0.5")));
+    let oral = f64::from(half[1][1]) / f64::from(half[1][0]);
+    // 0.5 of 0.85 remain aboral.
+    assert!((oral - 0.575).abs() < 0.15, "{oral}");
+    // They run through the pylorus, which stands open; it stands shut before and afterwards but for its usual openings.
+    let all = waves(of(reflux), 1200.0, 0.2);
+    let through = |wave: &&Wave| wave.speed_m_s < 0.0 && wave.centre_m(wave.end_time_s()) < 0.2 - 0.029;
+    assert!(all.iter().filter(through).count() > 20);
+    let motility = of(reflux);
+    let gate = motility.gate().unwrap();
+    assert_eq!([599.0, 605.1, 1194.9, 1201.0].map(|t| gate.at(t).weight), [0.9, 0.0, 0.0, 0.9]);
+    for t in [600.5, 602.0, 604.4, 1195.6, 1198.0, 1199.9] {
+        let difference = (gate.at(t + 1e-6).weight - gate.at(t - 1e-6).weight) / 2e-6;
+        assert!((gate.at(t).weight_rate_per_s - difference).abs() < 1e-6, "at {t} s");
+    }
+    assert_eq!(
+        [0.0, 601.0, 700.0, 1196.0, 1300.0].map(|t| gate.still_until_s(t)),
+        [600.0, 601.0, 1195.0, 1196.0, f64::INFINITY]
+    );
 }

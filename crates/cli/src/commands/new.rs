@@ -18,6 +18,7 @@ const SHIPPED: [(&str, &str); 29] = [
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
     ("colon-pet", include_str!("../../../../scenarios/colon-pet.toml")),
     ("cough-and-turn", include_str!("../../../../scenarios/cough-and-turn.toml")),
+    ("duodenum-reflux", include_str!("../../../../scenarios/duodenum-reflux.toml")),
     ("helix-magnetic", include_str!("../../../../scenarios/helix-magnetic.toml")),
     ("helix-pet", include_str!("../../../../scenarios/helix-pet.toml")),
     ("layout/belt-helix", include_str!("../../../../scenarios/layout/belt-helix.toml")),

@@ -58,6 +58,7 @@ use body::Body;
 use config::check;
 use events::Watch;
 use lumenav_anatomy::centre_line::Station;
+use lumenav_anatomy::diverticulum::Diverticulum;
 use lumenav_anatomy::lumen::Lumen;
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::segment::SegmentKey;
@@ -270,6 +271,12 @@ impl Engine {
     /// Puts something rigid into the tract; a capsule that already overlaps it is pushed out.
     pub fn insert_obstacle(&mut self, obstacle: &Obstacle) {
         self.body.insert(obstacle);
+        self.sleep = Sleep::AWAKE;
+    }
+
+    /// Adds a pouch to the wall.
+    pub fn insert_diverticulum(&mut self, diverticulum: Diverticulum) {
+        self.lumen.insert(diverticulum);
         self.sleep = Sleep::AWAKE;
     }
 

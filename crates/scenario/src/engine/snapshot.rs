@@ -176,7 +176,7 @@ impl Engine {
         Ok(())
     }
 
-    /// FNV-1a over what the engine was built from: configuration, capsule, tract, motility, patient and obstacles, each in full.
+    /// FNV-1a over what the engine was built from: configuration, capsule, tract, motility, patient, obstacles and diverticula, each in full.
     fn fingerprint(&self) -> u64 {
         let constant = self.fingerprint.get_or_init(|| {
             let mut hash = Fnv::default();
@@ -189,7 +189,7 @@ impl Engine {
             hash.0
         });
         let mut hash = Fnv(*constant);
-        hash.add(&format_args!("{}", self.body.obstacles()));
+        hash.add(&format_args!("{}{:?}", self.body.obstacles(), self.lumen.diverticula()));
         hash.0
     }
 }

@@ -25,8 +25,8 @@
 //! `F0` and `c_v` belong to the capsule as a whole: `F0` is shared by the rings that touch, `c_v` goes with the part of each
 //! ring's circumference that the wall covers: the arc of the circle ρ that lies outside the circle R.
 //!
-//! **Taut tissue.** Where a ring presses more than 2 mm into the *resting* wall, a stiff spring joins in, with `q` the offset of the
-//! ring less `max(R_rest - ρ, 0) + 2 mm`; that of the middle grows stiffer:
+//! **Taut tissue.** Where a ring presses more than 2 mm into the *resting* wall (with its diverticula), a stiff spring joins in, with `q` the offset
+//! of the ring less `max(R_rest - ρ, 0) + 2 mm`; that of the middle grows stiffer:
 //!
 //! ```text
 //! F = k_t (1 + q/q_t)(q + dt q̇⁺) + c q̇⁺        k_t = 1 kN/m, q_t = 0.25 mm: 5 N at the tolerance of 3 mm
@@ -242,11 +242,7 @@ impl WallContacts {
         let offset_m = across.norm_squared().sqrt();
         let n = if offset_m > CENTRED_M { across / offset_m } else { foot.normal };
         let radius_m = self.rings.radius_m[ring];
-        let angle_rad = if lumen.depends_on_angle() {
-            n.dot(&tangent.cross(&foot.normal)).atan2(n.dot(&foot.normal))
-        } else {
-            0.0
-        };
+        let angle_rad = angle_of(&n, foot, lumen);
         let mut covered = 0.0;
         let first = self.contacts.len();
         let sides_differ = lumen.depends_on_angle();
@@ -316,11 +312,15 @@ impl WallContacts {
 
     /// Beyond the compliant layer of the resting wall the tissue is taut: an end of the capsule does not stand across the lumen.
     fn touch_taut(&mut self, ring: usize, foot: &Foot, lumen: &Lumen) {
-        let (limit_m, slope) = taut_limit(lumen, foot.arc_length_m, self.rings.radius_m[ring]);
         let offset_m = foot.across.norm_squared().sqrt();
-        if offset_m > limit_m {
-            let out = foot.across / offset_m;
-            self.push_taut(ring, foot, &out, offset_m - limit_m, slope, 0.0);
+        // Nearer than this no tissue is taut.
+        if offset_m <= COMPLIANT_M {
+            return;
+        }
+        let out = foot.across / offset_m;
+        let limit = TautLimit::of(lumen, foot, &out, self.rings.radius_m[ring]);
+        if offset_m > limit.offset_m {
+            self.push_taut(ring, foot, &out, offset_m - limit.offset_m, &limit, 0.0);
         }
     }
 
@@ -328,21 +328,29 @@ impl WallContacts {
     fn touch_backstop(&mut self, lumen: &Lumen, placement: &Placement) {
         let foot = Foot::at(&placement.station, &placement.centre_m, Vector3::zeros());
         let offset_m = foot.across.norm_squared().sqrt();
-        let (limit_m, slope) = taut_limit(lumen, foot.arc_length_m, self.rings.capsule_radius_m);
-        let (out, tautness) = if offset_m > limit_m {
-            (foot.across / offset_m, (offset_m - limit_m) / TAUTER_M)
-        } else {
-            // A capsule that would come this far within the step meets it before its end: whatever pulls, it does not tunnel.
-            let way = placement.free_way_m;
-            let ahead = foot.across + way - foot.tangent * foot.tangent.dot(&way);
-            let ahead_m = ahead.norm_squared().sqrt();
-            if ahead_m <= limit_m {
-                return;
+        let limit_towards =
+            |out: &Vector3<f64>| TautLimit::of(lumen, &foot, out, self.rings.capsule_radius_m);
+        if offset_m > COMPLIANT_M {
+            let out = foot.across / offset_m;
+            let limit = limit_towards(&out);
+            if offset_m > limit.offset_m {
+                let q_m = offset_m - limit.offset_m;
+                return self.push_taut(RINGS / 2, &foot, &out, q_m, &limit, q_m / TAUTER_M);
             }
-            (ahead / ahead_m, TAUT_IN_ADVANCE)
-        };
-        let penetration_m = out.dot(&foot.across) - limit_m;
-        self.push_taut(RINGS / 2, &foot, &out, penetration_m, slope, tautness);
+        }
+        // A capsule that would come this far within the step meets it before its end: whatever pulls, it does not tunnel.
+        let way = placement.free_way_m;
+        let ahead = foot.across + way - foot.tangent * foot.tangent.dot(&way);
+        let ahead_m = ahead.norm_squared().sqrt();
+        if ahead_m <= COMPLIANT_M {
+            return;
+        }
+        let out = ahead / ahead_m;
+        let limit = limit_towards(&out);
+        if ahead_m > limit.offset_m {
+            let penetration_m = out.dot(&foot.across) - limit.offset_m;
+            self.push_taut(RINGS / 2, &foot, &out, penetration_m, &limit, TAUT_IN_ADVANCE);
+        }
     }
 
     fn push_taut(
@@ -351,10 +359,10 @@ impl WallContacts {
         foot: &Foot,
         out: &Vector3<f64>,
         penetration_m: f64,
-        slope: f64,
+        limit: &TautLimit,
         tautness: f64,
     ) {
-        let push = out - foot.tangent * slope;
+        let push = out - foot.tangent * limit.d_ds - foot.tangent.cross(out) * limit.twist;
         let zero = Row::new(&Vector3::zeros(), &Vector3::zeros());
         self.contacts.push(Contact {
             push,
@@ -500,11 +508,36 @@ impl Contact {
     }
 }
 
-/// How far off the centre line a ring may be before the resting tissue is taut, m, and how that widens along the tract.
-fn taut_limit(lumen: &Lumen, arc_length_m: f64, ring_m: f64) -> (f64, f64) {
-    let (rest_m, rest_slope) = lumen.tract().radius.with_slope(arc_length_m);
-    let play_m = rest_m - ring_m;
-    (play_m.max(0.0) + COMPLIANT_M, if play_m > 0.0 { rest_slope } else { 0.0 })
+/// Angle of a direction across the tract from the station's normal towards its binormal; 0 where the lumen is round.
+fn angle_of(out: &Vector3<f64>, foot: &Foot, lumen: &Lumen) -> f64 {
+    if lumen.depends_on_angle() {
+        out.dot(&foot.tangent.cross(&foot.normal)).atan2(out.dot(&foot.normal))
+    } else {
+        0.0
+    }
+}
+
+/// How far off the centre line a ring may be before the resting tissue is taut.
+struct TautLimit {
+    offset_m: f64,
+    /// How it widens along the tract.
+    d_ds: f64,
+    /// How it widens around it, per length.
+    twist: f64,
+}
+
+impl TautLimit {
+    /// Of a ring of this radius, in a direction across the tract.
+    fn of(lumen: &Lumen, foot: &Foot, out: &Vector3<f64>, ring_m: f64) -> Self {
+        let outermost = lumen.outermost(foot.arc_length_m, angle_of(out, foot, lumen));
+        let play_m = outermost.x - ring_m;
+        if play_m > 0.0 {
+            let offset_m = play_m + COMPLIANT_M;
+            Self { offset_m, d_ds: outermost.y, twist: outermost.z / offset_m }
+        } else {
+            Self { offset_m: COMPLIANT_M, d_ds: 0.0, twist: 0.0 }
+        }
+    }
 }
 
 /// S(y) = 3y² - 2y³, clamped.

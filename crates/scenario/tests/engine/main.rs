@@ -2,6 +2,7 @@
 
 use lumenav_anatomy::generator::{ColonRequest, colon};
 use lumenav_anatomy::motility::Motility;
+use lumenav_anatomy::motility::fault::{FaultConfig, FaultKind};
 use lumenav_anatomy::motility_config::{ColonConfig, MmcConfig, MotilityConfig, WaveConfig};
 use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::{End, SegmentPoints, Tract, TractDraft};
@@ -473,6 +474,40 @@ fn law_a_capsule_falls_to_the_other_side_when_gravity_turns() {
         assert!(state.world_from_capsule.translation.vector.y * up < -0.005, "{state:?}");
         let felt = state.world_from_capsule.rotation * state.specific_force_capsule_m_s2;
         assert!((felt - Vector3::y() * 9.81 * up).norm() < 0.05, "{felt}");
+    }
+}
+
+/// A capsule 40 mm behind the pylorus comes back into the stomach while contents come back, and not otherwise.
+#[test]
+fn law_reflux_brings_a_capsule_back_into_the_stomach() {
+    let shipped =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/tracts/whole-gut-average-man.toml");
+    let tract = tract_of(&shipped, &[SegmentKey::Stomach, SegmentKey::Duodenum, SegmentKey::Jejunum]);
+    let pylorus_m = tract.segments[0].end_m;
+    let furthest_back_m = |reflux: bool, seed: u64| {
+        let mut motility = MotilityConfig::default();
+        // Phase II, and then phase III.
+        motility.mmc.start_phase = Some(Fraction(0.8));
+        if reflux {
+            motility.fault.push(FaultConfig {
+                kind: FaultKind::Reflux,
+                start_s: NonNegative(0.0),
+                end_s: None,
+                remaining: Fraction(0.0),
+            });
+        }
+        let mut engine = engine_of(&tract, &motility, at(pylorus_m + 0.04), seed);
+        let mut least_m = f64::INFINITY;
+        for minute in 1..=15 {
+            engine.advance_to(seconds(60.0 * f64::from(minute)));
+            least_m = least_m.min(engine.state().arc_length_m);
+        }
+        least_m - pylorus_m
+    };
+    for seed in 1..=3 {
+        let (back_m, usual_m) = (furthest_back_m(true, seed), furthest_back_m(false, seed));
+        assert!(back_m < -0.013, "seed {seed}: {back_m} m from the pylorus");
+        assert!(usual_m > 0.0, "seed {seed}, without reflux: {usual_m} m from the pylorus");
     }
 }
 
