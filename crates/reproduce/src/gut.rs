@@ -6,6 +6,7 @@
 mod gastric;
 mod person;
 mod speeds;
+mod stalls;
 mod traction;
 mod transit;
 

@@ -1,5 +1,6 @@
 //! A person of the cohort, and a capsule's passage through one segment of theirs.
 
+use super::stalls::StallAudit;
 use crate::ReproduceError;
 use crate::context::Context;
 use lumenav_anatomy::motility::Motility;
@@ -172,11 +173,14 @@ pub(super) struct Passage {
     pub(super) duration_s: Option<f64>,
     /// The capsule at equal intervals.
     pub(super) samples: Vec<Sample>,
+    /// Its stalls.
+    pub(super) stalls: StallAudit,
 }
 
 /// Follows a capsule until its centre first passes `end_m` or leaves the tract, or for as long as the leg waits.
 fn pass(engine: &mut Engine, end_m: f64, leg: &Leg) -> Passage {
     let mut samples = vec![Sample::of(engine)];
+    let mut stalls = StallAudit::new(&EngineConfig::default(), engine.state().arc_length_m);
     let mut time_s = 0.0;
     while time_s < leg.limit_s {
         time_s += leg.every_s;
@@ -184,8 +188,9 @@ fn pass(engine: &mut Engine, end_m: f64, leg: &Leg) -> Passage {
         samples.push(Sample::of(engine));
         let state = engine.state();
         if state.left || state.arc_length_m >= end_m {
-            return Passage { duration_s: Some(time_s), samples };
+            return Passage { duration_s: Some(time_s), samples, stalls };
         }
+        stalls.look(time_s, state.arc_length_m, engine.events());
     }
-    Passage { duration_s: None, samples }
+    Passage { duration_s: None, samples, stalls }
 }

@@ -93,7 +93,9 @@ fn thin(mut each_mm_s: Vec<f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::super::person::Sample;
+    use super::super::stalls::StallAudit;
     use super::*;
+    use lumenav_scenario::engine::EngineConfig;
     use nalgebra::{Point3, Vector3};
 
     #[test]
@@ -114,7 +116,8 @@ mod tests {
                 _ => 0.0001,
             };
         }
-        let speeds = Speeds::of(&Passage { duration_s: Some(100.0), samples });
+        let stalls = StallAudit::new(&EngineConfig::default(), 0.0);
+        let speeds = Speeds::of(&Passage { duration_s: Some(100.0), samples, stalls });
         let all = 50.0 + 95.0 * 0.1;
         assert!((speeds.burst_share - 50.0 / all).abs() < 1e-9, "{}", speeds.burst_share);
         assert!((speeds.backward_share - 10.0 / all).abs() < 1e-9);

@@ -169,15 +169,16 @@ pub(crate) fn run_exam(context: &Context<'_>, mut table: Table) -> Result<Table,
         // A NaN is larger than all.
         let excess_m = passage.samples.iter().map(|sample| sample.excess_m);
         let worst_m = excess_m.max_by(f64::total_cmp).unwrap_or(f64::NAN);
-        (passage.duration_s.map_or(f64::INFINITY, |duration_s| duration_s / HOUR_S), worst_m)
+        let time_h = passage.duration_s.map_or(f64::INFINITY, |duration_s| duration_s / HOUR_S);
+        (time_h, worst_m, [passage.stalls.told, passage.stalls.untold])
     })?;
-    let (mut times, excesses_m): (Vec<f64>, Vec<f64>) = passages.into_iter().unzip();
+    let mut times: Vec<f64> = passages.iter().map(|passage| passage.0).collect();
     times.sort_by(f64::total_cmp);
     let exam = Stage { name: EXAM.name, unit: HOURS.0, times };
     let row = Row::new("whole exam, median", "h", None).ours("lumenav", exam.quantile(0.5));
     table.rows.push(row.not_comparable("the sum of the segments is no row of a source"));
     table.rows.extend([exam.unfinished(), exam.worst()]);
-    let worst_m = excesses_m.into_iter().max_by(f64::total_cmp).unwrap_or(f64::NAN);
+    let worst_m = passages.iter().map(|passage| passage.1).max_by(f64::total_cmp).unwrap_or(f64::NAN);
     table.rows.push(
         Row::new("furthest into the wall, every 10 s of all exams", "mm", Some(1e3 * TOLERANCE_M))
             .ours("lumenav", 1e3 * worst_m)
@@ -187,6 +188,14 @@ pub(crate) fn run_exam(context: &Context<'_>, mut table: Table) -> Result<Table,
                 Tolerance::Absolute(0.0),
                 "the wall gives way by 2 to 3 mm by design",
             ),
+    );
+    let [told, untold] = [0, 1].map(|k| passages.iter().map(|passage| passage.2[k]).sum::<u64>() as f64);
+    let stalls = Row::new("stalls told", "", None).ours("lumenav", told);
+    table.rows.push(stalls.not_comparable("the sources tell none"));
+    table.rows.push(
+        Row::new("stalls that nobody told (20 min within 5 mm), of all exams", "", Some(0.0))
+            .ours("lumenav", untold)
+            .judged("lumenav", Sense::LowerIsBetter, Tolerance::Absolute(0.0), "every stall is an event"),
     );
     Ok(table)
 }
