@@ -35,7 +35,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Plots of a run up to this long share the time axis of the viewer, which shows about a minute; those of a longer one show all of it, each by
 /// itself, s.
-pub(crate) const LINKED_S: f64 = 60.0;
+const LINKED_S: f64 = 60.0;
 
 /// What the layout depends on.
 #[derive(Clone, Debug, Default)]
@@ -52,10 +52,8 @@ pub(crate) struct Layout {
     pub(crate) nees_top: Option<f64>,
     /// Whether there is a tract to be along.
     pub(crate) along_tract: bool,
-    /// Whether it is told in which segment the capsule is.
-    pub(crate) has_segments: bool,
-    /// Whether it is long: see [`LINKED_S`].
-    pub(crate) is_long: bool,
+    /// How long it is, as far as that is known, s.
+    pub(crate) lasts_s: f64,
     /// Whether a controller moves a sensor.
     pub(crate) moved: bool,
     /// Whether there is a truth to compare with.
@@ -291,7 +289,7 @@ fn whole_run() -> arch::TimeAxis {
 fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, RecordingError> {
     let background = arch::PlotBackground::new().with_color(Color::from_u32(GROUND)).with_show_grid(true);
     let legend = arch::PlotLegend::new().with_corner(comp::Corner2D::LeftTop);
-    let axis = if layout.is_long {
+    let axis = if layout.lasts_s > LINKED_S {
         whole_run()
     } else {
         arch::TimeAxis::new().with_link(comp::LinkAxis::LinkToGlobal)
@@ -314,8 +312,6 @@ fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Record
     }
     if layout.along_tract {
         rows.push((plot(writer, "Along the tract (m)", "/plots/along_tract", None)?, 0.8));
-    }
-    if layout.has_segments {
         let timeline =
             writer.view("StateTimeline", "Segment", "/segment", &["+ $origin/**"], &[("TimeAxis", &axis)])?;
         rows.push((timeline, 0.4));

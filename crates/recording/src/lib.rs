@@ -16,6 +16,7 @@
 //! | `/plots/error/<track>` | position error, mm |
 //! | `/plots/nees/<track>` | squared error over covariance; `/plots/nees/band_<n>_dof` its 95 % band |
 //! | `/plots/along_tract/{truth,<track>}` | arc length from the tract's start, m |
+//! | `/segment` | the segment the capsule is in, where it changes (`StateChange`) |
 //! | `/plots/moved/<controller>` | where the sensor that it moves stands along z, mm |
 //! | `/events/{notes,refusals,missing}` | text log; bursts condensed to their first and a closing line |
 //!

@@ -2,7 +2,7 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: a recording shows the truth beside the estimates")]
 
-use crate::blueprint::{self, LINKED_S, Layout};
+use crate::blueprint::{self, Layout};
 use crate::bursts::{Bursts, Line};
 use crate::drawn::Drawn;
 use crate::error::RecordingError;
@@ -132,8 +132,8 @@ impl Run {
                 (t.name.clone(), Drawn::new(format!("world/tracks/{}", t.name), "pose", palette::track(i)))
             })
             .collect();
-        let is_long = header.duration_s.is_none_or(|duration_s| duration_s > LINKED_S);
-        let mut layout = Layout { has_truth: header.has_truth, is_long, ..Layout::default() };
+        let lasts_s = header.duration_s.unwrap_or(f64::INFINITY);
+        let mut layout = Layout { has_truth: header.has_truth, lasts_s, ..Layout::default() };
         layout.paths = tracks.values().map(|t| entity(&format!("{}/path", t.root)).to_string()).collect();
         layout.paths.push("/world/capsule/path".to_owned());
         let mut run = Self {
@@ -277,9 +277,8 @@ impl Run {
             return Ok(());
         }
         self.segment.clone_from(&truth.segment);
-        self.layout.has_segments = true;
         let state = rerun::archetypes::StateChange::new()
-            .with_state_opt([truth.segment.as_ref().map(|segment| segment.to_string())]);
+            .with_state_opt([truth.segment.as_ref().map(ToString::to_string)]);
         self.store.log(output, &entity("segment"), time_point(truth.at, None), &state)
     }
 
@@ -451,7 +450,7 @@ impl Run {
             self.tell(output, "refusals", Some(line), rerun::TextLogLevel::WARN)?;
         }
         let last = self.last;
-        self.layout.is_long = last.seconds() > LINKED_S;
+        self.layout.lasts_s = last.seconds();
         self.draw_bands(output, last)?;
         self.truth.lift(&mut self.store, output, last)?;
         for drawn in self.tracks.values_mut() {

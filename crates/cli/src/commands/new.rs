@@ -12,7 +12,7 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 29] = [
+const SHIPPED: [(&str, &str); 30] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
     ("colon-pet-bed", include_str!("../../../../scenarios/colon-pet-bed.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
