@@ -3,6 +3,7 @@
 #[path = "../../crates/anatomy/examples/import_people/people.rs"]
 mod people;
 
+use crate::gut_speed;
 use crate::row::{Outcome, Sheet};
 use crate::tools::{lumenav, root, run};
 use lumenav::anatomy::CentreLine;
@@ -72,6 +73,7 @@ pub fn rows(sheet: &mut Sheet) {
         let command = format!("reproduce {id} --json");
         sheet.row(&format!("1 {id}"), &command, ask, || reproduction(&id, scratch.path()));
     }
+    gut_speed::rows(sheet, scratch.path());
     sheet.row(
         "2 import",
         "in this program: import_surface of LUMENAV_DATA/tracts, Edin unaided, Visible Human small unaided, large with nine waypoints",

@@ -10,6 +10,7 @@
 mod figures;
 mod foundation;
 mod gut;
+mod gut_speed;
 mod magnetic;
 mod pet;
 mod row;

@@ -411,7 +411,7 @@ rhythm_table!(
     rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute (S).";
     speed 0.008, "Speed, m/s. Default 0.008 [T to small-bowel transit].";
     amplitude [0.555, 0.555], "Amplitude at start and end of a run. Default 0.555 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.107]; aboral 0.85; refractory 0.5
+    spread 0.15; width 0.010; run [0.02, 0.1055]; aboral 0.85; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.ileum]`.
@@ -419,7 +419,7 @@ rhythm_table!(
     rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute (S).";
     speed 0.006, "Speed, m/s. Default 0.006 [T to small-bowel transit].";
     amplitude [0.555, 0.555], "Amplitude at start and end of a run. Default 0.555 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.067]; aboral 0.8; refractory 0.5
+    spread 0.15; width 0.010; run [0.02, 0.0655]; aboral 0.8; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.terminal_ileum]`.
