@@ -45,7 +45,7 @@ pub fn rows(sheet: &mut Sheet, scratch: &Path) {
         "speed: generator",
         "in this program: whole guts of seeds 1000 to 1002 in three sizes",
         "<= 5 s each",
-        generator,
+        || Ok(generator()),
     );
 }
 
@@ -106,7 +106,7 @@ fn import() -> Outcome {
     Ok((format!("{seconds:.1} s"), seconds <= IMPORT_S))
 }
 
-fn generator() -> Outcome {
+fn generator() -> (String, bool) {
     let mut worst_s = 0.0_f64;
     let mut made = 0;
     for size in BodySize::ALL {
@@ -119,5 +119,5 @@ fn generator() -> Outcome {
             worst_s = worst_s.max(begin.elapsed().as_secs_f64());
         }
     }
-    Ok((format!("{worst_s:.1} s at most, {made} of 9 made"), worst_s <= GENERATOR_S))
+    (format!("{worst_s:.1} s at most, {made} of 9 made"), worst_s <= GENERATOR_S)
 }

@@ -28,7 +28,7 @@ use rerun::external::re_log_types::{BlueprintActivationCommand, TimeCell, TimePo
 use rerun::external::re_sdk_types::blueprint::archetypes as arch;
 use rerun::external::re_sdk_types::blueprint::components as comp;
 use rerun::external::re_sdk_types::blueprint::datatypes::{TextLogColumn, TextLogColumnKind};
-use rerun::external::re_sdk_types::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange};
+use rerun::external::re_sdk_types::datatypes::{Range1D, TimeRange, TimeRangeBoundary, VisibleTimeRange};
 use rerun::log::LogMsg;
 use rerun::{AsComponents, Color, StoreId, StoreKind};
 use std::collections::{BTreeMap, BTreeSet};
@@ -50,8 +50,8 @@ pub(crate) struct Layout {
     pub(crate) paths: Vec<String>,
     /// Highest value of the NEES plot.
     pub(crate) nees_top: Option<f64>,
-    /// Whether there is a tract to be along.
-    pub(crate) along_tract: bool,
+    /// The stretch of the tract that the capsule was in, arc length, m; `None` where there is no tract.
+    pub(crate) along_m: Option<[f64; 2]>,
     /// How long it is, as far as that is known, s.
     pub(crate) lasts_s: f64,
     /// Whether a controller moves a sensor.
@@ -245,7 +245,7 @@ fn left_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Recordi
     if let Some((position, target)) = layout.eye() {
         eye = eye.with_position(position).with_look_target(target);
     }
-    let name = if layout.along_tract {
+    let name = if layout.along_m.is_some() {
         format!("Scene (world, m; {})", palette::SPEED_LEGEND)
     } else {
         "Scene (world, m)".to_owned()
@@ -295,10 +295,8 @@ fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Record
         arch::TimeAxis::new().with_link(comp::LinkAxis::LinkToGlobal)
     };
     let mut rows = Vec::new();
-    let plot = |writer: &mut Writer<'_>, name: &str, origin: &str, top: Option<f64>| {
-        let range = top.map(|top| {
-            arch::ScalarAxis::new().with_range(rerun::external::re_sdk_types::datatypes::Range1D([0.0, top]))
-        });
+    let plot = |writer: &mut Writer<'_>, name: &str, origin: &str, range: Option<[f64; 2]>| {
+        let range = range.map(|range| arch::ScalarAxis::new().with_range(Range1D(range)));
         let mut properties: Vec<(&str, &dyn AsComponents)> =
             vec![("PlotBackground", &background), ("PlotLegend", &legend), ("TimeAxis", &axis)];
         if let Some(range) = &range {
@@ -308,10 +306,15 @@ fn right_side(writer: &mut Writer<'_>, layout: &Layout) -> Result<String, Record
     };
     if layout.has_truth {
         rows.push((plot(writer, "Position error (mm)", "/plots/error", None)?, 1.0));
-        rows.push((plot(writer, "NEES with 95 % band", "/plots/nees", layout.nees_top)?, 1.0));
+        rows.push((
+            plot(writer, "NEES with 95 % band", "/plots/nees", layout.nees_top.map(|top| [0.0, top]))?,
+            1.0,
+        ));
     }
-    if layout.along_tract {
-        rows.push((plot(writer, "Along the tract (m)", "/plots/along_tract", None)?, 0.8));
+    if let Some([low_m, high_m]) = layout.along_m {
+        let margin_m = (0.05 * (high_m - low_m)).max(1e-3);
+        let range = Some([low_m - margin_m, high_m + margin_m]);
+        rows.push((plot(writer, "Along the tract (m)", "/plots/along_tract", range)?, 0.8));
         let timeline =
             writer.view("StateTimeline", "Segment", "/segment", &["+ $origin/**"], &[("TimeAxis", &axis)])?;
         rows.push((timeline, 0.4));

@@ -243,8 +243,9 @@ impl Run {
     fn on_truth(&mut self, output: &mut Output, truth: &CapsuleTruth) -> Result<(), RecordingError> {
         self.see(output, truth.at)?;
         self.layout.include(point_m(&truth.world_from_capsule.translation.vector));
-        if truth.arc_length_m.is_some() {
-            self.layout.along_tract = true;
+        if let Some(arc_m) = truth.arc_length_m {
+            let [low_m, high_m] = self.layout.along_m.unwrap_or([arc_m; 2]);
+            self.layout.along_m = Some([low_m.min(arc_m), high_m.max(arc_m)]);
             self.truth.shows_speed = true;
             self.tell_segment(output, truth)?;
         }
