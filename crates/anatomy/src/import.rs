@@ -155,6 +155,20 @@ pub struct ImportedTract {
     pub sha256: String,
 }
 
+impl ImportedTract {
+    /// Middle of the box around its centre line, torso frame, m.
+    pub fn middle_m(&self) -> [f64; 3] {
+        let mut ends = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for point in self.draft.segments.iter().flat_map(|segment| &segment.points_m) {
+            for axis in 0..3 {
+                ends[0][axis] = ends[0][axis].min(point[axis]);
+                ends[1][axis] = ends[1][axis].max(point[axis]);
+            }
+        }
+        [0, 1, 2].map(|axis| 0.5 * (ends[0][axis] + ends[1][axis]))
+    }
+}
+
 /// Imports a surface, or the surface of a label volume.
 ///
 /// # Errors
@@ -607,6 +621,10 @@ impl Importer<'_> {
         radius_m: f64,
     ) -> Result<Vec<(crate::SegmentKey, usize)>, ImportError> {
         if !self.options.starts.is_empty() {
+            self.warnings.push(
+                "segments are those that were named; what else the line passes is told as part of them"
+                    .to_owned(),
+            );
             return organ::named(&self.options.starts, stations, &self.file);
         }
         let organ = self.options.organ.unwrap_or_else(|| {

@@ -439,6 +439,24 @@ const MMC_FRONT_M_S: [(SegmentKey, f64); 4] = [
 ];
 
 impl MotilityConfig {
+    /// What begins and ends at times that are set, s, in words: faults and meals.
+    pub fn announcements(&self) -> Vec<(f64, String)> {
+        let faults = self.fault.iter().flat_map(|fault| {
+            let name = fault.kind.as_str();
+            let begins =
+                format!("{name} begins, {:.0} % of the contractions are left", 100.0 * fault.remaining.0);
+            let ends = fault.end_s.map(|end_s| (end_s.0, format!("{name} ends")));
+            std::iter::once((fault.start_s.0, begins)).chain(ends)
+        });
+        let meals = self.meal.iter().flat_map(|meal| {
+            [
+                (meal.start_s.0, "a meal is digested".to_owned()),
+                (meal.end_s(), "the meal is digested, fasted again".to_owned()),
+            ]
+        });
+        faults.chain(meals).collect()
+    }
+
     /// Everything that contracts by itself in `tract`.
     pub(crate) fn sites(&self, tract: &Tract) -> Vec<Site> {
         let mut sites: Vec<Site> = self.oesophagus.site(tract).into_iter().collect();

@@ -431,6 +431,9 @@ pub struct ImportTract {
     /// Both ends and places between them, x,y,z in mm of the surface's frame, from mouth to anus; or the oral end alone.
     #[arg(long, num_args = 1.., allow_hyphen_values = true)]
     pub waypoints: Vec<String>,
+    /// Move the tract so that the middle of its box is at the origin, around which the shipped arrays and scanners stand.
+    #[arg(long)]
+    pub centre: bool,
     /// Replace a file that is there.
     #[arg(long)]
     pub force: bool,

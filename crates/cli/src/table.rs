@@ -164,8 +164,11 @@ fn of_segments(motion: &MotionFigures, tracks: &BTreeMap<String, TrackMetrics>) 
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }
+    let left = motion.left_s.map_or_else(String::new, |left_s| {
+        format!("\nthe capsule left the tract at {}: errors from then on are those of a capsule at rest at its end", time(left_s))
+    });
     format!(
-        "{table}\nin bursts: part of the way that the fastest twentieth of the time makes; *: no transit time, the run began or ended there"
+        "{table}\nin bursts: part of the way that the fastest twentieth of the time makes; *: no transit time, the run began or ended there{left}"
     )
 }
 

@@ -44,7 +44,11 @@ impl ModelFolder {
             let known = if known.is_empty() { "none".to_owned() } else { known };
             return Err(node.error_at(
                 key,
-                &format!("no model `{name}` ({} does not exist); models/{kind} has: {known}", path.display()),
+                &format!(
+                    "no model `{name}` ({} does not exist); models/{kind} has: {known}; a path with `/` or `.toml` is read from beside \
+                     this file, another folder of models is told with --models",
+                    path.display()
+                ),
             ));
         }
         Node::open(&path).map(|opened| opened.with_log_of(node))

@@ -27,6 +27,9 @@ pub struct MotionFigures {
     pub speed_classes_mm_s: Vec<f64>,
     /// In the order in which they were first entered.
     pub segments: Vec<SegmentMotion>,
+    /// When the capsule left the tract, s; absent where it did not. From then on it rests at the end, and errors are those of a capsule at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left_s: Option<f64>,
 }
 
 /// The motion in one segment.
@@ -130,8 +133,8 @@ struct Seen {
 pub(crate) struct Motion {
     passages: Vec<Passage>,
     last: Option<Seen>,
-    /// Whether it has left the tract.
-    left: bool,
+    /// When it left the tract, s.
+    left_s: Option<f64>,
     /// Where the present span of speed began.
     since: Option<Seen>,
 }
@@ -140,7 +143,9 @@ impl Motion {
     /// A truth; those that know no place along a tract are no motion along it.
     pub(crate) fn see(&mut self, at: SimTime, arc_length_m: Option<f64>, segment: Option<&str>) {
         let (Some(arc_length_m), Some(segment)) = (arc_length_m, segment) else {
-            self.left |= self.last.is_some();
+            if self.last.is_some() {
+                self.left_s.get_or_insert(at.seconds());
+            }
             return;
         };
         let at_s = at.seconds();
@@ -168,14 +173,14 @@ impl Motion {
         let last = self.last?;
         // The oral one of those it was in is where it began, or what it went back into.
         let oral_m = self.passages.iter().map(|p| p.first_m).fold(f64::INFINITY, f64::min);
-        let left = self.left;
+        let left = self.left_s.is_some();
         let figures = |(k, passage): (usize, &mut Passage)| {
             let is_beyond = k != last.passage && last.arc_length_m >= passage.furthest_m;
             let came_in = k > 0 && passage.first_m > oral_m;
             passage.figures(came_in && (is_beyond || (left && k == last.passage)))
         };
         let segments = self.passages.iter_mut().enumerate().map(figures).collect();
-        Some(MotionFigures { speed_classes_mm_s: SPEED_CLASSES_MM_S.to_vec(), segments })
+        Some(MotionFigures { speed_classes_mm_s: SPEED_CLASSES_MM_S.to_vec(), segments, left_s: self.left_s })
     }
 }
 

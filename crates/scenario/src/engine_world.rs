@@ -27,6 +27,9 @@ use std::sync::Arc;
 /// Name under which motility draws its random numbers.
 pub const COMPONENT: &str = "motility";
 
+/// The key that a posture replaces.
+const GRAVITY_KEY: &str = "gravity_torso_m_s2";
+
 /// Spacing of the rings of the drawn lumen, m.
 const DRAWN_RING_M: f64 = 0.004;
 /// Corners of a ring of the drawn lumen.
@@ -43,9 +46,9 @@ pub struct EngineWorld {
     history: TruthHistory,
     step_ns: i64,
     notes: Vec<WorldNote>,
+    /// What will happen at known times, the next one last.
+    to_tell: Vec<WorldNote>,
     waves: WaveWatch,
-    /// What was learned about the tract while it was read.
-    warnings: Vec<String>,
 }
 
 /// Reads the tract that `[tract]` names.
@@ -97,7 +100,12 @@ impl EngineWorld {
         }
         config.start_arc_length_m = NonNegative(start_m);
         config.start_roll_rad = Finite(file.capsule.start_roll_deg.0.to_radians());
+        if patient.is_some() && engine_node.keys().iter().any(|key| key == GRAVITY_KEY) {
+            let message = "with a [patient] the posture says where gravity points; leave this out";
+            return Err(engine_node.error_at(GRAVITY_KEY, message).into());
+        }
         let step_ns = (1e9 / f64::from(config.step_rate_hz)).round() as i64;
+        let told = motility.announcements();
         let motility =
             Motility::new(&motility, &tract, streams).map_err(|error| error.at_motility(&motility_node))?;
         let mut engine =
@@ -123,16 +131,16 @@ impl EngineWorld {
         engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
         let waves = WaveWatch::new(engine.lumen().motility());
         let history = TruthHistory::default();
-        let mut world = Self { engine, obstacles, history, step_ns, notes: Vec::new(), waves, warnings };
+        let warned =
+            warnings.into_iter().map(|text| WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
+        let dated = told.into_iter().map(|(at_s, text)| (at_s, format!("motility: {text}")));
+        let dated = dated.chain(engine.patient().into_iter().flat_map(|patient| patient.notes()));
+        let mut to_tell: Vec<WorldNote> =
+            dated.map(|(at_s, text)| WorldNote { at: SimTime::from_seconds(at_s), text }).collect();
+        // The last is told first.
+        to_tell.sort_by_key(|note| std::cmp::Reverse(note.at));
+        let mut world = Self { engine, obstacles, history, step_ns, notes: warned.collect(), to_tell, waves };
         world.remember();
-        for text in std::mem::take(&mut world.warnings) {
-            world.notes.push(WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
-        }
-        if let Some(patient) = world.engine.patient() {
-            let told =
-                patient.notes().map(|(at_s, text)| WorldNote { at: SimTime::from_seconds(at_s), text });
-            world.notes.extend(told);
-        }
         Ok((world, tract))
     }
 
@@ -154,6 +162,9 @@ impl EngineWorld {
             segment: (!state.left).then(|| self.engine.tract().segment_name_at(state.arc_length_m)),
             wall_force_n: Some(state.wall_force_n),
         });
+        while let Some(note) = self.to_tell.pop_if(|note| note.at <= state.at) {
+            self.notes.push(note);
+        }
         for event in self.engine.events() {
             let mm = 1e3 * event.arc_length_m;
             let text = match event.kind {

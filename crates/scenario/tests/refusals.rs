@@ -44,6 +44,10 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
         ),
         ("[motility.colon]\nhaustral_rate_hz = 1e9", "s.toml:9:20: `motility.colon.haustral_rate_hz`"),
         ("[[motility.wave]]\nstart_time_s = 1\nwidth_m = 1e-9", "s.toml:10:11: `motility.wave[0].width_m`"),
+        (
+            "[patient]\nposture = \"upright\"\n[engine]\ngravity_torso_m_s2 = [0, 0, -9.81]",
+            "s.toml:11:22: `engine.gravity_torso_m_s2`: with a [patient] the posture says",
+        ),
         ("[record]\ntruth_rate_hz = 1e12", "s.toml:9:17: `record.truth_rate_hz`"),
         ("[record]\nscene_rate_hz = 1e-12", "s.toml:9:17: `record.scene_rate_hz`"),
         (
@@ -171,4 +175,29 @@ fn law_a_start_without_hold_is_refused_at_its_line() {
         "{error}"
     );
     assert_eq!(build("[0, -9.81, 0]"), Ok(()));
+}
+
+#[test]
+fn law_meals_and_faults_are_told_when_they_begin_and_end() {
+    let text = in_a_tube(
+        "pillcam-magnet",
+        "20.0",
+        "[motility]\nspontaneous = false\n[[motility.fault]]\nkind = \"reflux\"\nstart_s = 4\nend_s = 9\n\
+         [[motility.meal]]\nstart_s = 6\nduration_s = 30",
+    );
+    let node = Node::parse_text(&text, "s.toml", Path::new(""), &[]).unwrap();
+    let file = ScenarioFile::from_node(node, ModelFolder::new(models())).unwrap();
+    let mut world = build_world(&file, 1, 0).unwrap().world;
+    let mut told = Vec::new();
+    for second in 0..=20 {
+        world.advance_to(SimTime::from_seconds(f64::from(second))).unwrap();
+        let notes = world.take_notes().into_iter().filter(|note| note.text.starts_with("motility"));
+        told.extend(notes.map(|note| (note.at.seconds(), note.text)));
+    }
+    let expected = [
+        (4.0, "motility: reflux begins, 0 % of the contractions are left"),
+        (6.0, "motility: a meal is digested"),
+        (9.0, "motility: reflux ends"),
+    ];
+    assert_eq!(told, expected.map(|(at_s, text)| (at_s, text.to_owned())));
 }

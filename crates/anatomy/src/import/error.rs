@@ -195,6 +195,20 @@ pub enum ImportError {
         /// Where it would begin, mm.
         at_mm: f64,
     },
+    /// A segment is said to begin far from the line.
+    #[error(
+        "{file}: the place where `{segment}` is to begin is {away_mm:.0} mm from the line; allowed: to {most_mm:.0} mm (x,y,z in mm of the surface's frame)"
+    )]
+    StartAway {
+        /// The file.
+        file: String,
+        /// The segment.
+        segment: SegmentKey,
+        /// How far it is, mm.
+        away_mm: f64,
+        /// How far it may be, mm.
+        most_mm: f64,
+    },
     /// What was found makes no tract.
     #[error("{file}: {error}")]
     Tract {

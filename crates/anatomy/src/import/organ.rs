@@ -78,6 +78,9 @@ impl Organ {
     }
 }
 
+/// A place further than this from the line is no place of its segment, m: twice the radius of the widest colon.
+const FURTHEST_START_M: f64 = 0.05;
+
 /// First station of each segment that the user names; the first begins the line.
 pub(super) fn named(
     starts: &[SegmentStart],
@@ -88,6 +91,15 @@ pub(super) fn named(
     for (number, start) in starts.iter().enumerate() {
         let apart = |i: &usize| (stations[*i].point_m - start.at_m).norm();
         let nearest = (0..stations.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0);
+        let away_m = stations.get(nearest).map_or(0.0, |_| apart(&nearest));
+        if away_m > FURTHEST_START_M {
+            return Err(ImportError::StartAway {
+                file: file.to_owned(),
+                segment: start.key,
+                away_mm: 1e3 * away_m,
+                most_mm: 1e3 * FURTHEST_START_M,
+            });
+        }
         let station = if number == 0 { 0 } else { nearest };
         if let Some((before, at)) =
             result.last().filter(|(before, at)| *before >= start.key || at + 1 >= station)

@@ -1,6 +1,7 @@
 //! The tract file of an import: points in the surface's own frame, and how they came about.
 
 use super::ImportedTract;
+use nalgebra::Vector3;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -11,8 +12,9 @@ pub(super) fn source(file: &str, sha256: &str) -> String {
     format!("imported from {name} (SHA-256 {sha256}) by lumenav {}", env!("CARGO_PKG_VERSION"))
 }
 
-/// The text of a tract file that [`crate::tract_file`] reads. `made_by`: the command, for whoever wants to repeat it.
-pub fn tract_file_text(imported: &ImportedTract, made_by: &str) -> String {
+/// The text of a tract file that [`crate::tract_file`] reads, `centred`: with the middle of its box at the origin. `made_by`: the command, for whoever wants
+/// to repeat it.
+pub fn tract_file_text(imported: &ImportedTract, made_by: &str, centred: bool) -> String {
     let mut text = String::new();
     let mut line = |words: &str| {
         text.push_str(words);
@@ -29,6 +31,14 @@ pub fn tract_file_text(imported: &ImportedTract, made_by: &str) -> String {
     imported.repairs.iter().for_each(|repair| line(&format!("#   {repair}")));
     line(&format!("# Warnings ({}):", imported.warnings.len()));
     imported.warnings.iter().for_each(|warning| line(&format!("#   {}", one_line(warning))));
+    let moved_m = if centred { -Vector3::from(imported.middle_m()) } else { Vector3::zeros() };
+    if centred {
+        let by = moved_m * 1e3;
+        line(&format!(
+            "# Moved by {:.1}, {:.1}, {:.1} mm (torso axes) from the surface's frame.",
+            by.x, by.y, by.z
+        ));
+    }
     line("\n[tract]");
     line(&format!("frame = {:?}", imported.axes.as_str()));
     line(&format!("name = {}", quoted(&imported.draft.name)));
@@ -39,7 +49,7 @@ pub fn tract_file_text(imported: &ImportedTract, made_by: &str) -> String {
         line(&format!("name = {:?}", segment.key.as_str()));
         line("points_mm = [ # x, y, z, radius");
         for (point, radius) in segment.points_m.iter().zip(&segment.radii_m) {
-            let p = imported.axes.torso_from_file(*point) * 1e3;
+            let p = imported.axes.torso_from_file(*point + moved_m) * 1e3;
             line(&format!("  [{:.3}, {:.3}, {:.3}, {:.3}],", p.x, p.y, p.z, 1e3 * radius));
         }
         line("]");

@@ -44,6 +44,17 @@ pub enum FaultKind {
     Reflux,
 }
 
+impl FaultKind {
+    /// As files name it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Gastroparesis => "gastroparesis",
+            Self::Ileus => "ileus",
+            Self::Reflux => "reflux",
+        }
+    }
+}
+
 /// The kind of organ whose contractions a cell makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Organ {

@@ -44,7 +44,8 @@ impl MealConfig {
         in_range("duration_s", self.duration_s.0, 0.0, LATEST_S)
     }
 
-    fn end_s(&self) -> f64 {
+    /// When it ends, s.
+    pub(crate) fn end_s(&self) -> f64 {
         self.start_s.0 + self.duration_s.0
     }
 

@@ -405,7 +405,7 @@ fn law_a_tract_file_reads_back_and_tells_its_origin() {
     let tract = import("person.stl", &mesh.stl(), &options).unwrap();
     // From waypoint to waypoint: 0.9 of the curve.
     assert!((tract.length_m / (0.9 * PI * BEND_M) - 1.0).abs() < 0.03, "{}", tract.length_m);
-    let text = tract_file_text(&tract, "test");
+    let text = tract_file_text(&tract, "test", false);
     assert!(text.contains("rim of") && text.contains("person.stl") && text.contains(&tract.sha256), "{text}");
     let (read, _) = super::load_text(&text).unwrap();
     assert_eq!(read.name, "a \"name\"");
@@ -415,6 +415,15 @@ fn law_a_tract_file_reads_back_and_tells_its_origin() {
     // LPS turned into RAS: x and y change sign.
     let oral = read.station(0.0).position_m;
     assert!((oral - Point3::new(-at(0.05).x, -at(0.05).y, 0.0)).norm() < 0.003, "{oral}");
+    // Centred, it is the same tract about the origin.
+    let (centred, _) = super::load_text(&tract_file_text(&tract, "test", true)).unwrap();
+    let moved = centred.station(0.0).position_m - oral;
+    assert!((moved + Vector3::from(tract.middle_m())).norm() < 1e-5, "{moved}");
+    // A place in another room is no place of a segment.
+    let mut far = options;
+    far.starts[1].at_m.z += 2.0;
+    let error = import("person.stl", &mesh.stl(), &far).unwrap_err().to_string();
+    assert!(error.contains("`ileum`") && error.contains("2000 mm from the line; allowed: to 50"), "{error}");
 }
 
 #[test]

@@ -40,6 +40,16 @@ fn options_of(asked: &ImportTract) -> anyhow::Result<ImportOptions> {
         Some("colon") => Some(Organ::Colon),
         Some(other) => bail!("organ `{other}`; allowed: small-bowel, colon"),
     };
+    if let Some(option) = asked.waypoints.iter().find(|text| text.starts_with("--")) {
+        bail!(
+            "`{option}` stands among the waypoints: give other options before --waypoints, or end these with the file's name after `--`"
+        );
+    }
+    let is_volume =
+        [".nii", ".nii.gz", ".mha", ".mhd"].iter().any(|end| asked.file.to_string_lossy().ends_with(end));
+    if !asked.label.is_empty() && !is_volume {
+        bail!("{}: a surface has no labels; leave --label out", asked.file.display());
+    }
     Ok(ImportOptions {
         factor: asked.factor,
         labels: asked.label.clone(),
@@ -54,6 +64,9 @@ fn options_of(asked: &ImportTract) -> anyhow::Result<ImportOptions> {
         starts: asked.start.iter().map(|text| segment_start(text)).collect::<anyhow::Result<_>>()?,
     })
 }
+
+/// A tract whose middle is further than this from the origin is not where the shipped arrays are, m.
+const FAR_M: f64 = 0.1;
 
 pub(super) fn import(asked: &ImportTract) -> anyhow::Result<()> {
     let options = options_of(asked)?;
@@ -71,9 +84,16 @@ pub(super) fn import(asked: &ImportTract) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let imported = imported.map_err(|error| WrongFiles(error.to_string()))?;
     let made_by = std::env::args().skip(1).collect::<Vec<_>>().join(" ");
-    let text = tract_file_text(&imported, &format!("lumenav {made_by}"));
+    let text = tract_file_text(&imported, &format!("lumenav {made_by}"), asked.centre);
     let written = files::write(&folder, &[(&name, text)])?;
     tell(&imported)?;
+    let middle_m = imported.middle_m();
+    if !asked.centre && middle_m.iter().any(|m| m.abs() > FAR_M) {
+        let [x, y, z] = middle_m.map(|m| 1e3 * m);
+        say!(
+            "its middle is at {x:.0}, {y:.0}, {z:.0} mm; the shipped arrays and scanners stand around the origin: --centre moves it there"
+        )?;
+    }
     written.iter().try_for_each(|path| say!("{}", path.display()))
 }
 
