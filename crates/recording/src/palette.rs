@@ -45,7 +45,7 @@ mod tests {
         assert_eq!(speed(1e-4), 0x440154ff);
         assert_eq!(speed(1e-2), 0xfde725ff);
         assert_eq!(speed(1.0), 0xfde725ff);
-        assert_eq!(speed(1e-3) >> 8, u32::from_be_bytes([0, 0x21, 0x91, 0x8c]));
+        assert_eq!(speed(1e-3) >> 8, u32::from_be_bytes([0, 0x21, 0x90, 0x8d]));
     }
 
     #[test]
