@@ -44,6 +44,10 @@ const CUSP_COSINE: f64 = 0.5;
 const CUSP_SPEED: f64 = 1e-3;
 /// Longest step of a projection, m: keeps it in the basin of its hint.
 const STEP_LIMIT_M: f64 = 0.02;
+/// Newton's last step in a projection, m. It converges quadratically: what is left is below 1e-12 m, unless f' is tiny.
+const LAST_STEP_M: f64 = 1e-8;
+/// The same for a quick foot.
+const LAST_QUICK_STEP_M: f64 = 2e-6;
 /// Cells in one bounding ball of the global search.
 const BALL_CELLS: usize = 16;
 
@@ -73,6 +77,17 @@ pub struct Projection {
     pub distance_m: f64,
     /// The foot.
     pub station: Station,
+}
+
+/// The foot of a point in short, torso frame: what changes with the foot's arc length to first order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct QuickFoot {
+    /// Arc length of the foot, m.
+    pub arc_length_m: f64,
+    /// Position of the foot, m.
+    pub position_m: Point3<f64>,
+    /// Unit tangent there, towards the anal end.
+    pub tangent: Vector3<f64>,
 }
 
 /// A stretch of the line inside one piece of the spline.
@@ -206,8 +221,23 @@ impl CentreLine {
 
     /// The local minimum of the distance downhill from the station at `hint_m`. Does not allocate.
     pub fn project_near(&self, point: &Point3<f64>, hint_m: f64) -> Projection {
-        let s = self.descend(&point.coords, self.clamp(hint_m), 0.0, self.length_m);
+        let s = self.descend(&point.coords, self.clamp(hint_m), [0.0, self.length_m], LAST_STEP_M).s;
         self.projection(point, s)
+    }
+
+    /// The same to some 10 nm, without a frame, and quick where the hint is good: one evaluation of the line where it is off by less than
+    /// 2 um.
+    pub fn quick_foot(&self, point: &Point3<f64>, hint_m: f64) -> QuickFoot {
+        let found = self.descend(&point.coords, self.clamp(hint_m), [0.0, self.length_m], LAST_QUICK_STEP_M);
+        // From where the line was evaluated last the rest is within the accuracy promised (x' = T, T' = κN).
+        let rest_m = found.s - found.seen_s;
+        let seen = if rest_m.abs() <= LAST_QUICK_STEP_M { found.seen } else { self.local(found.s) };
+        let rest_m = if rest_m.abs() <= LAST_QUICK_STEP_M { rest_m } else { 0.0 };
+        QuickFoot {
+            arc_length_m: found.s,
+            position_m: Point3::from(seen.position + seen.tangent * rest_m),
+            tangent: seen.tangent + seen.curvature * rest_m,
+        }
     }
 
     /// The nearest `count` local minima of the distance over the whole line, nearest first. A minimum at an end of the line
@@ -245,7 +275,7 @@ impl CentreLine {
             let (low, high) = (cell.start_m, self.end_of(index));
             let after = slope_at(high);
             let foot = if before < 0.0 && after >= 0.0 {
-                Some(self.descend(&point.coords, 0.5 * (low + high), low, high))
+                Some(self.descend(&point.coords, 0.5 * (low + high), [low, high], LAST_STEP_M).s)
             } else if index == 0 && before >= 0.0 {
                 Some(0.0)
             } else if index + 1 == self.cells.len() && after < 0.0 {
@@ -265,22 +295,32 @@ impl CentreLine {
         }
     }
 
-    /// Arc length of the local minimum downhill from `start_m` within `[low_m, high_m]`.
-    fn descend(&self, point: &Vector3<f64>, start_m: f64, low_m: f64, high_m: f64) -> f64 {
+    /// The local minimum downhill from `start_m` within `[low_m, high_m]`, once a step is below `last_step_m`.
+    #[inline]
+    fn descend(
+        &self,
+        point: &Vector3<f64>,
+        start_m: f64,
+        [low_m, high_m]: [f64; 2],
+        last_step_m: f64,
+    ) -> Descent {
         // The minimum lies between `low` (where the distance falls with s, or the end) and `high`.
         let (mut low, mut high) = (low_m, high_m);
-        let mut s = start_m;
+        let mut at = Descent { s: start_m, seen_s: start_m, seen: self.local(start_m) };
         let limit = 100 + (self.length_m / STEP_LIMIT_M) as usize;
         for _ in 0..limit {
-            let local = self.local(s);
-            let error = local.position - point;
-            let (slope, bend) = (error.dot(&local.tangent), 1.0 + error.dot(&local.curvature));
+            let s = at.s;
+            if s != at.seen_s {
+                (at.seen_s, at.seen) = (s, self.local(s));
+            }
+            let error = at.seen.position - point;
+            let (slope, bend) = (error.dot(&at.seen.tangent), 1.0 + error.dot(&at.seen.curvature));
             if slope > 0.0 {
                 high = s;
             } else if slope < 0.0 {
                 low = s;
             } else {
-                return s;
+                return at;
             }
             let newton = if bend > 1e-3 { -slope / bend } else { -slope.signum() * STEP_LIMIT_M };
             let mut next = s + newton.clamp(-STEP_LIMIT_M, STEP_LIMIT_M);
@@ -295,13 +335,12 @@ impl CentreLine {
                 };
             }
             let step = (next - s).abs();
-            s = next;
-            // Newton converges quadratically: after a step of 1e-8 m the rest is below 1e-12 m, unless f' is tiny.
-            if step < 1e-12 || (step < 1e-8 && bend > 0.1) || high - low < 1e-13 {
+            at.s = next;
+            if step < 1e-12 || (step < last_step_m && bend > 0.1) || high - low < 1e-13 {
                 break;
             }
         }
-        s
+        at
     }
 
     fn projection(&self, point: &Point3<f64>, s: f64) -> Projection {
@@ -339,6 +378,14 @@ impl CentreLine {
     fn local_in(&self, cell: &Cell, s: f64) -> Local {
         local_of(&self.pieces[cell.piece as usize], cell.parameter_at(s - cell.start_m))
     }
+}
+
+/// Where a descent has come to.
+struct Descent {
+    s: f64,
+    /// Where the line was evaluated last, and what it was there.
+    seen_s: f64,
+    seen: Local,
 }
 
 #[inline]

@@ -17,7 +17,7 @@
 //! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`; in the colon, where contractions come in
 //! bursts, during one. In the small bowel the tissue itself
 //! is refractory ([`tissue`](self)), the cells are Poisson processes, and an event is kept with the probability that the migrating motor
-//! complex (MMC) gives its phase at that place and time; the phase travels aborally with the MMC front.
+//! complex ([MMC](complex)) gives its phase at that place and time; the phase travels aborally with the MMC front.
 //!
 //! The draws of event `n` of a cell come from the stream (cell's name, `n`) of [`RandomStreams`] alone. The waves are thus a
 //! pure function of seed and time: no step size, no order of asking and no pause changes them, and memory is constant.
@@ -37,12 +37,13 @@ use crate::pylorus::Gate;
 use crate::tract::Tract;
 use cell::{Cell, site_cells};
 pub(crate) use cell::{Origins, Site};
+use complex::MotorComplex;
 use fault::{FaultConfig, Impairment};
 use lumenav_core::{RandomStream, RandomStreams};
-use meal::MealConfig;
 use rand::Rng as _;
 
 mod cell;
+mod complex;
 pub mod fault;
 pub mod meal;
 pub(crate) mod tissue;
@@ -175,38 +176,6 @@ pub struct Motility {
     first_end_s: f64,
 }
 
-/// The migrating motor complex: a phase in [0, 1) that travels aborally, but for the time of a meal.
-#[derive(Debug, Clone)]
-struct MotorComplex {
-    meals: Vec<MealConfig>,
-    period_s: f64,
-    start_phase: f64,
-    fractions: [f64; 3],
-    rate_factors: [f64; 3],
-}
-
-impl MotorComplex {
-    /// The meal that is digested at `time_s`; there is one at a time.
-    fn meal_at(&self, time_s: f64) -> Option<&MealConfig> {
-        self.meals.iter().find(|meal| meal.lasts_at(time_s))
-    }
-
-    /// Rate factor at `time_s` where the front arrives `delay_s` late.
-    fn factor(&self, time_s: f64, delay_s: f64) -> f64 {
-        if let Some(meal) = self.meal_at(time_s) {
-            return meal.rate_factor.0;
-        }
-        let phase = (self.start_phase + (time_s - delay_s) / self.period_s).rem_euclid(1.0);
-        if phase < self.fractions[0] {
-            self.rate_factors[0]
-        } else if phase < self.fractions[0] + self.fractions[1] {
-            self.rate_factors[1]
-        } else {
-            self.rate_factors[2]
-        }
-    }
-}
-
 impl Motility {
     /// The motility of `tract` as configured; all randomness from `streams`.
     ///
@@ -225,15 +194,7 @@ impl Motility {
         }
         scheduled.extend(config.oesophagus.swallow(tract));
         scheduled.sort_by(|a, b| a.start_time_s.total_cmp(&b.start_time_s));
-        let start_phase =
-            config.mmc.start_phase.map_or_else(|| uniform(&mut streams.stream("mmc", 0)), |phase| phase.0);
-        let cycle = MotorComplex {
-            meals: config.meal.clone(),
-            period_s: config.mmc.period_s.0,
-            start_phase,
-            fractions: config.mmc.fractions.map(|f| f.0),
-            rate_factors: config.mmc.rate_factor.map(|f| f.0),
-        };
+        let cycle = MotorComplex::new(&config.mmc, &config.meal, streams);
         let mut cells = Vec::new();
         if config.spontaneous && config.amplitude_scale.0 > 0.0 {
             for site in config.sites(tract) {

@@ -179,12 +179,14 @@ impl WaveConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MmcConfig {
-    /// Period, s. Default 5820 (97 min; 15 to 195 min across people) (S).
+    /// Mean period, s. Default 5820, 97 min (S).
     pub period_s: Positive,
-    /// Phase at t = 0 at the start of the small bowel, 0 to 1; drawn from the seed where it is not given.
+    /// A cycle's length is drawn evenly from 1 less to 1 more this, times the mean period. Default 0.85: 15 to 179 min [S: 15 to 195 min].
+    pub period_spread: Fraction,
+    /// Part of the cycle at t = 0 that has passed at the start of the small bowel, 0 to 1; drawn from the seed where it is not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_phase: Option<Fraction>,
-    /// Parts of the period in phases I, II and III. Default 0.55, 0.38, 0.07 [B: I 50 to 60 %, II 30 to 40 %, III 5 to 10 min].
+    /// Parts of the mean period in phases I, II and III; III lasts as long in every cycle. Default 0.55, 0.38, 0.07 [B: I 50 to 60 %, II 30 to 40 %, III 5 to 10 min].
     pub fractions: [Fraction; 3],
     /// Part of the full rate in phases I, II and III. Default 0 [S: no contractions in phase I], 0.2 [S: 2.5 per minute], 1.
     pub rate_factor: [Fraction; 3],
@@ -194,6 +196,7 @@ impl Default for MmcConfig {
     fn default() -> Self {
         Self {
             period_s: Positive(5820.0),
+            period_spread: Fraction(0.85),
             start_phase: None,
             fractions: [Fraction(0.55), Fraction(0.38), Fraction(0.07)],
             rate_factor: [Fraction(0.0), Fraction(0.2), Fraction(1.0)],

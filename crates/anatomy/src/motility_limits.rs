@@ -23,6 +23,8 @@ const DURATIONS_S: [f64; 2] = [1e-3, 1e6];
 const LATEST_S: f64 = 1e9;
 /// Periods of the migrating motor complex, s.
 const PERIODS_S: [f64; 2] = [60.0, 1e6];
+/// No cycle is shorter than a twentieth of the mean.
+const LARGEST_PERIOD_SPREAD: f64 = 0.95;
 /// Part of the time in bursts: for none there is the rate; and their length, s.
 const LEAST_BURSTS: f64 = 1e-3;
 const BURSTS_S: [f64; 2] = [1.0, 1e6];
@@ -149,6 +151,7 @@ impl MotilityConfig {
             }
         }
         among("mmc.period_s", self.mmc.period_s.0, PERIODS_S)?;
+        in_range("mmc.period_spread", self.mmc.period_spread.0, 0.0, LARGEST_PERIOD_SPREAD)?;
         let sum: f64 = self.mmc.fractions.iter().map(|fraction| fraction.0).sum();
         in_range("mmc.fractions (their sum)", sum, 0.999, 1.001)?;
         in_range("oesophagus.swallow_time_s", self.oesophagus.swallow_time_s.0, 0.0, LATEST_S)?;

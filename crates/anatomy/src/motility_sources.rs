@@ -18,7 +18,7 @@ const MASS_TUNED: &str = "tuned, with width or amplitude, to a sequence that mov
 const ORIGIN: &str = "tuned to a colonic transit of 16 to 29 h in the median; that they arise more often proximally: doi:10.1152/ajpgi.2000.278.2.G329";
 
 /// Key of [`crate::motility_config::MotilityConfig`] (dotted for its tables) and source of its default.
-pub const MOTILITY_SOURCES: [(&str, &str); 94] = [
+pub const MOTILITY_SOURCES: [(&str, &str); 95] = [
     ("amplitude_scale", "chosen: the amplitudes as they stand"),
     ("spontaneous", "chosen: a living bowel"),
     ("taenia_relief", "chosen: the published law of the radius has no angle"),
@@ -28,7 +28,11 @@ pub const MOTILITY_SOURCES: [(&str, &str); 94] = [
     ("wave.width_m", MASS_TUNED),
     ("wave.amplitude", MASS_TUNED),
     ("wave.flattens_ahead_m", "believed, after Guyton and Hall, Textbook of Medical Physiology"),
-    ("mmc.period_s", "97 min, 15 to 195 min across people, in a survey of manometry"),
+    ("mmc.period_s", KERLIN),
+    (
+        "mmc.period_spread",
+        "Kerlin and Phillips 1982: intervals of 15 to 195 min; their even distribution is believed",
+    ),
     ("mmc.start_phase", "drawn from the seed"),
     ("mmc.fractions", "believed: I 50 to 60 %, II 30 to 40 %, III 5 to 10 min"),
     ("mmc.rate_factor", "Ahluwalia 1994: none in phase I, 2.5 per minute in phase II"),

@@ -110,6 +110,36 @@ fn closed_form_projection_of_points_off_a_circle() {
 }
 
 #[test]
+fn law_a_quick_foot_is_the_projection() {
+    // In folds with bend radii down to some 5 mm; from good hints, and from those a loop of bowel may give.
+    let line = folded();
+    let (mut worst_m, mut worst_turn, mut seen) = (0.0_f64, 0.0_f64, 0);
+    for i in 1..2000 {
+        let s = line.length_m() * f64::from(i) / 2000.0;
+        let station = line.station(s);
+        let side =
+            station.normal * (0.9 * f64::from(i)).cos() + station.binormal * (0.9 * f64::from(i)).sin();
+        let out_m = (0.5 / station.curvature_per_m.max(1.0)).min(0.005);
+        let point = station.position_m + side * out_m;
+        for off_m in [0.0, 1e-7, -3e-6, 2e-5, -1e-4, 1e-3] {
+            let (exact, quick) = (line.project_near(&point, s + off_m), line.quick_foot(&point, s + off_m));
+            worst_m = worst_m
+                .max((quick.arc_length_m - exact.arc_length_m).abs())
+                .max((quick.position_m - exact.station.position_m).norm());
+            worst_turn = worst_turn.max((quick.tangent - exact.station.tangent).norm());
+            seen += 1;
+        }
+    }
+    println!("{seen} feet: {worst_m:e} m, {worst_turn:e} rad");
+    assert!(worst_m < 2e-8 && worst_turn < 1e-5, "{worst_m:e} m, {worst_turn:e} rad");
+    // Beyond the ends the foot is the end.
+    let end = line.station(line.length_m());
+    let beyond = line.quick_foot(&(end.position_m + end.tangent * 0.01), line.length_m());
+    assert!((beyond.arc_length_m - line.length_m()).abs() < 1e-9);
+    assert!(line.quick_foot(&Point3::new(f64::NAN, 0.0, 0.0), 0.1).arc_length_m.is_finite());
+}
+
+#[test]
 fn law_arc_length_is_the_integral_of_speed() {
     // Position differences by s are unit vectors, and chords of 10 um add up to the length.
     let line = folded();

@@ -1,7 +1,8 @@
 //! Cells: where spontaneous waves come from. Each is a renewal or a Poisson process of one stretch of the tract.
 
+use super::complex::MotorComplex;
 use super::fault::{Impairment, Organ};
-use super::{MotorComplex, RAMP_FRACTION, SHORTEST_RUN_M, Wave, tissue, uniform};
+use super::{RAMP_FRACTION, SHORTEST_RUN_M, Wave, tissue, uniform};
 use crate::motility_config::Rhythm;
 use crate::motility_limits::LARGEST_AMPLITUDE;
 use lumenav_core::RandomStreams;

@@ -13,7 +13,7 @@ use std::fmt::{self, Write as _};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 const MAGIC: &[u8; 4] = b"LNVE";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Stands for "awake" where a sleeper's time would stand, s.
 const AWAKE_S: f64 = -1.0;
 
@@ -89,6 +89,9 @@ impl Engine {
         }
         out.number(self.station.arc_length_m);
         out.number(self.offset_m);
+        for foot_m in self.contacts.feet_m() {
+            out.number(*foot_m);
+        }
         out.vector(&self.specific_force_capsule_m_s2);
         out.number(self.wall_force_n);
         out.whole(self.touching as u64);
@@ -137,6 +140,10 @@ impl Engine {
         let gravity_world_m_s2 = from.vector()?;
         let wrench_world = [from.vector()?, from.vector()?];
         let (arc_length_m, offset_m) = (from.number()?, from.number()?);
+        let mut feet_m = *self.contacts.feet_m();
+        for foot_m in &mut feet_m {
+            *foot_m = from.number()?;
+        }
         let specific_force_capsule_m_s2 = from.vector()?;
         let wall_force_n = from.number()?;
         let (touching, segment_index, left) = (from.whole()? as usize, from.whole()? as usize, from.flag()?);
@@ -159,6 +166,7 @@ impl Engine {
         }
         self.step_index = step_index;
         self.body.set_pose(&pose);
+        self.contacts.set_feet_m(feet_m);
         self.body.set_twist(&twist);
         self.gravity_world_m_s2 = gravity_world_m_s2;
         self.wrench_world = wrench_world;

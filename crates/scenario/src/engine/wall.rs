@@ -35,7 +35,7 @@
 //! Without it at the ends a capsule that is pushed into a tight bend turns across the lumen, where both ends press along its axis and nothing
 //! turns it back.
 //!
-//! **Tight bends.** A ring's foot is looked for near the middle's, and bends that are tighter than the capsule give way
+//! **Tight bends.** A ring's foot is looked for where it was a step ago, beside the middle's, and bends that are tighter than the capsule give way
 //! ([`super::bends`]).
 //!
 //! **Implicit.** With c_v = 15 N s/m on 3.3 g an explicit step of 1/240 s would amplify by 19. Here `F_n` is taken at the end of
@@ -176,13 +176,23 @@ pub(crate) struct WallContacts {
     rings: Rings,
     bends: Bends,
     contacts: Vec<Contact>,
+    feet_m: [f64; RINGS],
 }
 
 impl WallContacts {
     /// For a capsule with these rings in `tract`.
     pub(crate) fn new(rings: Rings, tract: &Tract) -> Self {
         let bends = Bends::of(tract, &rings);
-        Self { rings, bends, contacts: Vec::with_capacity(MOST_CONTACTS) }
+        Self { rings, bends, contacts: Vec::with_capacity(MOST_CONTACTS), feet_m: [0.0; RINGS] }
+    }
+
+    /// How far the feet of the rings were from the middle's in the last step, along the centre line, m.
+    pub(crate) fn feet_m(&self) -> &[f64; RINGS] {
+        &self.feet_m
+    }
+
+    pub(crate) fn set_feet_m(&mut self, feet_m: [f64; RINGS]) {
+        self.feet_m = feet_m;
     }
 
     pub(crate) fn rings(&self) -> &Rings {
@@ -215,7 +225,7 @@ impl WallContacts {
     }
 
     /// Where a ring is in the lumen.
-    fn foot_of(&self, ring: usize, lumen: &Lumen, placement: &Placement, chord: Option<&Chord>) -> Foot {
+    fn foot_of(&mut self, ring: usize, lumen: &Lumen, placement: &Placement, chord: Option<&Chord>) -> Foot {
         let along_m = self.rings.offset_m[ring];
         let lever = placement.axis * along_m;
         let point = placement.centre_m + lever;
@@ -224,13 +234,20 @@ impl WallContacts {
             return Foot::at(middle, &point, lever);
         }
         let line = &lumen.tract().centre_line;
-        let hint_m = middle.arc_length_m + along_m * placement.axis.dot(&middle.tangent);
-        let found = line.project_near(&point, hint_m).station;
+        let straight_m = along_m * placement.axis.dot(&middle.tangent);
+        let spare_m = SPARE_M + (MOST_STRETCH - 1.0) * along_m.abs();
+        let before_m = self.feet_m[ring];
+        let hint_m = if (before_m - straight_m).abs() <= spare_m { before_m } else { straight_m };
+        let found = line.quick_foot(&point, middle.arc_length_m + hint_m);
         // A ring's foot beyond this belongs to another loop of the bowel.
-        let reach_m = MOST_STRETCH * along_m.abs() + SPARE_M;
+        let reach_m = along_m.abs() + spare_m;
         let s = found.arc_length_m.clamp(middle.arc_length_m - reach_m, middle.arc_length_m + reach_m);
-        let station = if s == found.arc_length_m { found } else { line.station(s) };
-        let foot = Foot::at(&station, &point, lever);
+        self.feet_m[ring] = s - middle.arc_length_m;
+        let foot = if s != found.arc_length_m || lumen.depends_on_angle() {
+            Foot::at(&line.station(s), &point, lever)
+        } else {
+            Foot::of(&found, middle.normal, &point, lever)
+        };
         match chord {
             None => foot,
             Some(chord) => foot.blend(&Foot::on(chord, middle, &point, lever), chord.gives),
@@ -240,7 +257,7 @@ impl WallContacts {
     fn touch_ring(&mut self, ring: usize, foot: &Foot, lumen: &Lumen, wall: &Wall, config: &EngineConfig) {
         let Foot { arc_length_m, tangent, across, lever, .. } = *foot;
         let offset_m = across.norm_squared().sqrt();
-        let n = if offset_m > CENTRED_M { across / offset_m } else { foot.normal };
+        let n = if offset_m > CENTRED_M { across / offset_m } else { foot.sideways() };
         let radius_m = self.rings.radius_m[ring];
         let angle_rad = angle_of(&n, foot, lumen);
         let mut covered = 0.0;
