@@ -210,13 +210,13 @@ impl Default for MmcConfig {
 pub struct OesophagusConfig {
     /// When the capsule is swallowed, s. Default 0.
     pub swallow_time_s: NonNegative,
-    /// Further swallows and secondary waves, 1/s. Default 0.27: one in 3.7 s [T to 23.6 s supine].
+    /// Further swallows and secondary waves, 1/s. Default 0.24: one in 4.2 s [T to 23.6 s supine].
     pub further_rate_hz: NonNegative,
     /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) (S).
     pub speed_m_s: Positive,
-    /// Amplitude. Default 0.42 [T to 23.6 s supine, with its spread: many a wave slides over a capsule that lies on its side].
+    /// Amplitude. Default 0.40 [T to 23.6 s supine, with its spread: many a wave slides over a capsule that lies on its side].
     pub amplitude: Fraction,
-    /// A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default 0.6 (T).
+    /// A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default 0.9 (T).
     pub amplitude_spread: Fraction,
     /// Width, m. Default 0.018 (B).
     pub width_m: Positive,
@@ -226,10 +226,10 @@ impl Default for OesophagusConfig {
     fn default() -> Self {
         Self {
             swallow_time_s: NonNegative(0.0),
-            further_rate_hz: NonNegative(0.27),
+            further_rate_hz: NonNegative(0.24),
             speed_m_s: Positive(0.031),
-            amplitude: Fraction(0.42),
-            amplitude_spread: Fraction(0.6),
+            amplitude: Fraction(0.40),
+            amplitude_spread: Fraction(0.9),
             width_m: Positive(0.018),
         }
     }
@@ -352,7 +352,7 @@ macro_rules! rhythm_table {
             pub width_m: Positive,
             #[doc = concat!("Shortest and longest run, m. Default ", stringify!($run), " [B; T to transit in jejunum and ileum].")]
             pub run_m: [Positive; 2],
-            #[doc = concat!("Part of the waves that travel aborally. Default ", stringify!($aboral), " (B).")]
+            #[doc = concat!("Part of the waves that travel aborally. Default ", stringify!($aboral), " [B; T to transit in jejunum and ileum].")]
             pub aboral_fraction: Fraction,
             #[doc = concat!("Dead time as a part of the mean interval (of a place in the small bowel, at most 0.7; of a wave's source in the stomach). Default ", stringify!($refractory), " [B: slow waves pace it].")]
             pub refractory_fraction: Fraction,
@@ -413,16 +413,16 @@ rhythm_table!(
     JejunumConfig,
     rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute (S).";
     speed 0.008, "Speed, m/s. Default 0.008 [T to small-bowel transit].";
-    amplitude [0.555, 0.555], "Amplitude at start and end of a run. Default 0.555 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.1055]; aboral 0.85; refractory 0.5
+    amplitude [0.54, 0.54], "Amplitude at start and end of a run. Default 0.54 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.078]; aboral 0.76; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.ileum]`.
     IleumConfig,
     rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute (S).";
     speed 0.006, "Speed, m/s. Default 0.006 [T to small-bowel transit].";
-    amplitude [0.555, 0.555], "Amplitude at start and end of a run. Default 0.555 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.0655]; aboral 0.8; refractory 0.5
+    amplitude [0.54, 0.54], "Amplitude at start and end of a run. Default 0.54 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.048]; aboral 0.72; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.terminal_ileum]`.

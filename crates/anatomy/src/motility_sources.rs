@@ -13,6 +13,8 @@ const SUPINE: &str =
     "tuned, rate, amplitude and spread together: to 23.6 s supine (World J Gastroenterol 14:5707)";
 const TRANSIT: &str =
     "tuned to a small-bowel transit of 198 min (O'Grady et al., 71 people), with a look at the traction";
+const BOTH_WAYS: &str = "tuned, with runs and amplitude, to a small-bowel transit of 198 min (O'Grady et al., 71 people); in the duodenum beyond its first \
+centimetres 10 to 29 % of the waves run back (postprandial peristalsis)";
 const GASTRIC: &str = "tuned: to a capsule that reaches the pylorus";
 const MASS_TUNED: &str = "tuned, with width or amplitude, to a sequence that moves content by 0.25 m";
 const ORIGIN: &str = "tuned to a colonic transit of 16 to 29 h in the median; that they arise more often proximally: doi:10.1152/ajpgi.2000.278.2.G329";
@@ -72,7 +74,7 @@ pub const MOTILITY_SOURCES: [(&str, &str); 95] = [
     ("jejunum.amplitude_spread", TRANSIT),
     ("jejunum.width_m", BELIEVED),
     ("jejunum.run_m", TRANSIT),
-    ("jejunum.aboral_fraction", BELIEVED),
+    ("jejunum.aboral_fraction", BOTH_WAYS),
     ("jejunum.refractory_fraction", PACED),
     ("ileum.rate_hz", KERLIN),
     ("ileum.speed_m_s", TRANSIT),
@@ -80,7 +82,7 @@ pub const MOTILITY_SOURCES: [(&str, &str); 95] = [
     ("ileum.amplitude_spread", TRANSIT),
     ("ileum.width_m", BELIEVED),
     ("ileum.run_m", TRANSIT),
-    ("ileum.aboral_fraction", BELIEVED),
+    ("ileum.aboral_fraction", BOTH_WAYS),
     ("ileum.refractory_fraction", PACED),
     ("terminal_ileum.rate_hz", KERLIN),
     ("terminal_ileum.speed_m_s", TRANSIT),
