@@ -413,16 +413,16 @@ rhythm_table!(
     JejunumConfig,
     rate [0.208, 0.175], "Rate in phase III at both ends, 1/s. Default 12.5 to 10.5 per minute (S).";
     speed 0.008, "Speed, m/s. Default 0.008 [T to small-bowel transit].";
-    amplitude [0.54, 0.54], "Amplitude at start and end of a run. Default 0.54 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.078]; aboral 0.76; refractory 0.5
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.071]; aboral 0.76; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.ileum]`.
     IleumConfig,
     rate [0.182, 0.155], "Rate in phase III at both ends, 1/s. Default 10.9 to 9.3 per minute (S).";
     speed 0.006, "Speed, m/s. Default 0.006 [T to small-bowel transit].";
-    amplitude [0.54, 0.54], "Amplitude at start and end of a run. Default 0.54 [T to small-bowel transit].";
-    spread 0.15; width 0.010; run [0.02, 0.048]; aboral 0.72; refractory 0.5
+    amplitude [0.55, 0.55], "Amplitude at start and end of a run. Default 0.55 [T to small-bowel transit].";
+    spread 0.15; width 0.010; run [0.02, 0.043]; aboral 0.72; refractory 0.5
 );
 rhythm_table!(
     /// `[motility.terminal_ileum]`.

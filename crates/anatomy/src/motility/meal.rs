@@ -23,7 +23,7 @@ pub struct MealConfig {
     pub duration_s: Positive,
     /// Part of the full rate of contractions in the small bowel. Default 0.2, that of phase II (B).
     pub rate_factor: Fraction,
-    /// Factor on their amplitudes. Default 0.9 [T to 58 mN of traction].
+    /// Factor on their amplitudes. Default 0.91 [T to 58 mN of traction].
     pub amplitude_factor: Fraction,
 }
 
@@ -33,7 +33,7 @@ impl Default for MealConfig {
             start_s: NonNegative(0.0),
             duration_s: Positive(12_960.0),
             rate_factor: Fraction(0.2),
-            amplitude_factor: Fraction(0.9),
+            amplitude_factor: Fraction(0.91),
         }
     }
 }
