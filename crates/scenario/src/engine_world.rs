@@ -6,6 +6,7 @@ use crate::diverticula;
 use crate::engine::{ENGINE_SOURCES, Engine, EngineConfig, EngineError, EventKind, Obstacle};
 use crate::error::ScenarioError;
 use crate::file::{ScenarioFile, TractTable};
+use crate::loose::{self, LooseTable};
 use crate::obstacles;
 use crate::patient::{Patient, calibrated_frame, frame_of};
 use crate::wave_notes::WaveWatch;
@@ -42,6 +43,9 @@ pub struct EngineWorld {
     engine: Engine,
     /// What stands in the tract, in the order of the file.
     obstacles: Vec<Vec<Obstacle>>,
+    /// What is loose in it, in the order of the file; the links of a tether follow.
+    loose: Vec<LooseTable>,
+    has_tether: bool,
     /// Pose, velocity and angular rate in the gut's frame: the patient's part is added at the very instant that is asked for.
     history: TruthHistory,
     step_ns: i64,
@@ -128,6 +132,7 @@ impl EngineWorld {
         for diverticulum in diverticula::place_all(&table.diverticulum, &tract, &tract_node)? {
             engine.insert_diverticulum(diverticulum);
         }
+        loose::insert_all(&mut engine, &table.loose, table.tether.as_ref(), &file.body, &tract_node)?;
         engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
         let waves = WaveWatch::new(engine.lumen().motility());
         let history = TruthHistory::default();
@@ -139,7 +144,10 @@ impl EngineWorld {
             dated.map(|(at_s, text)| WorldNote { at: SimTime::from_seconds(at_s), text }).collect();
         // The last is told first.
         to_tell.sort_by_key(|note| std::cmp::Reverse(note.at));
-        let mut world = Self { engine, obstacles, history, step_ns, notes: warned.collect(), to_tell, waves };
+        let (loose, has_tether) = (table.loose.clone(), table.tether.is_some());
+        let notes = warned.collect();
+        let mut world =
+            Self { engine, obstacles, loose, has_tether, history, step_ns, notes, to_tell, waves };
         world.remember();
         Ok((world, tract))
     }
@@ -279,6 +287,7 @@ impl World for EngineWorld {
             strips_world_m: strips,
             rgba: vec![0xCC33_11FF],
         });
+        loose::draw(&self.engine, &self.loose, self.has_tether, out);
         if let Some(patient) = self.patient() {
             let gut = patient.gut(time_s);
             out.push(Primitive::Placement { path: "tract".into(), world_from_path: gut.world_from_frame });

@@ -8,6 +8,7 @@
 
 use crate::diverticula::DiverticulumTable;
 use crate::error::ScenarioError;
+use crate::loose::{LooseTable, TetherTable};
 use crate::obstacles::ObstacleTable;
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{CapsuleBody, ConfigError, ModelFolder, Name, Node, Schedule};
@@ -44,9 +45,13 @@ pub(crate) const CAPSULE_SOURCES: [(&str, &str); 2] = [
     ("start_arc_length_mm", "chosen: clear of the tract's end by a little more than a capsule's length"),
     ("start_roll_deg", "chosen: no turn"),
 ];
-pub(crate) const TRACT_SOURCES: [(&str, &str); 2] = [
+pub(crate) const TRACT_SOURCES: [(&str, &str); 6] = [
     ("length_scale", "chosen: the tract as its file says"),
     ("radius_scale", "chosen: the tract as its file says"),
+    ("tether.radius_mm", "believed: a thin cable"),
+    ("tether.link_mm", "chosen: shorter than the bends of a small bowel are wide"),
+    ("tether.density_kg_m3", "believed: of polymers"),
+    ("tether.held", "chosen: somebody holds it"),
 ];
 pub(crate) const EXPECT_SOURCES: [(&str, &str); 2] = [
     ("max_speed_m_s", "chosen: nothing is expected that the file does not say"),
@@ -114,6 +119,12 @@ pub struct TractTable {
     /// Pouches of its wall, `[[tract.diverticulum]]`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub diverticulum: Vec<DiverticulumTable>,
+    /// What is loose in it beside the capsule, `[[tract.loose]]`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub loose: Vec<LooseTable>,
+    /// What the capsule drags behind it, `[tract.tether]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tether: Option<TetherTable>,
 }
 
 fn one() -> Positive {

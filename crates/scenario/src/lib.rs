@@ -11,6 +11,7 @@ pub mod engine_world;
 pub mod error;
 pub mod file;
 pub mod kinematic;
+pub mod loose;
 pub mod obstacles;
 pub mod path;
 pub mod patient;

@@ -16,7 +16,9 @@ use super::system::Twist;
 use lumenav_core::CapsuleBody;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::math::{Pose, Rotation, Vector};
-use rapier3d::prelude::{ColliderBuilder, MassProperties, PhysicsWorld, RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::prelude::{
+    ColliderBuilder, MassProperties, PhysicsWorld, RigidBodyBuilder, RigidBodyHandle, SphericalJointBuilder,
+};
 use std::f64::consts::PI;
 
 /// Scale of a typical object, m; see the module's text.
@@ -72,21 +74,28 @@ pub enum Obstacle {
     },
 }
 
-/// Friction of rigid obstacles. A polished capsule on wet plastic or mucosa, (B).
+/// Friction of rigid things. A polished capsule on wet plastic or mucosa, (B).
 const OBSTACLE_FRICTION: f64 = 0.1;
+/// Solver iterations where bodies are joined [T: a chain of 20 links held at its end stretches by less than a millimetre].
+const ITERATIONS_JOINED: usize = 16;
 
-/// The capsule in the rapier world in which it meets obstacles.
-pub(crate) struct Body {
+/// The capsule and what is loose beside it, in the rapier world in which they meet each other and what stands still.
+pub(crate) struct Bodies {
     world: PhysicsWorld,
-    handle: RigidBodyHandle,
-    shape: CapsuleBody,
+    all: Vec<Body>,
     obstacles: usize,
-    pub(crate) inertia: Inertia,
 }
 
-impl Body {
-    pub(crate) fn new(capsule: &CapsuleBody, pose: &Isometry3<f64>, step_s: f64) -> Self {
-        let inertia = Inertia::of(capsule);
+/// One of them.
+#[derive(Clone, Copy)]
+struct Body {
+    handle: RigidBodyHandle,
+    shape: CapsuleBody,
+}
+
+impl Bodies {
+    /// Of none, in steps of so many seconds.
+    pub(crate) fn new(step_s: f64) -> Self {
         let mut world = PhysicsWorld::new();
         world.gravity = Vector::ZERO;
         world.physics_pipeline.counters.disable();
@@ -95,20 +104,32 @@ impl Body {
         parameters.length_unit = LENGTH_UNIT_M;
         parameters.warmstart_coefficient = 0.0;
         parameters.contact_recycling = false;
+        Self { world, all: Vec::new(), obstacles: 0 }
+    }
+
+    /// Adds a body, which gets the next index.
+    pub(crate) fn add(&mut self, shape: &CapsuleBody, pose: &Isometry3<f64>) {
+        let inertia = Inertia::of(shape);
         let moments = Vector::new(inertia.axial_kg_m2, inertia.transverse_kg_m2, inertia.transverse_kg_m2);
         let body = RigidBodyBuilder::dynamic()
             .pose(to_rapier(pose))
             .additional_mass_properties(MassProperties::new(Vector::ZERO, inertia.mass_kg, moments))
             .can_sleep(false);
-        let handle = world.insert_body(body);
+        let was_alone = self.is_alone();
+        let handle = self.world.insert_body(body);
         // Otherwise the pipeline's first step would, and a body that meets nothing never takes one.
-        world.bodies[handle].recompute_mass_properties_from_colliders(&world.colliders);
-        Self { world, handle, shape: *capsule, obstacles: 0, inertia }
+        self.world.bodies[handle].recompute_mass_properties_from_colliders(&self.world.colliders);
+        self.all.push(Body { handle, shape: *shape });
+        if self.all.len() > 1 {
+            let first = if was_alone { 0 } else { self.all.len() - 1 };
+            self.give_colliders(first);
+        }
     }
 
+    /// Adds something that stands still.
     pub(crate) fn insert(&mut self, obstacle: &Obstacle) {
-        if self.obstacles == 0 {
-            self.meet_rigid_things();
+        if self.is_alone() {
+            self.give_colliders(0);
         }
         let (collider, pose) = match obstacle {
             Obstacle::Plate { torso_from_plate, half_extents_m: h } => {
@@ -123,55 +144,90 @@ impl Body {
         self.obstacles += 1;
     }
 
-    /// Gives the capsule its collider.
-    fn meet_rigid_things(&mut self) {
-        // The body has its mass already.
-        let collider = collider_of(&self.shape).density(0.0).friction(OBSTACLE_FRICTION);
-        self.world.insert_collider(collider, Some(self.handle));
+    /// Joins a place of one body (m, in its frame) to a place of another, so that both may turn about it; they do not collide.
+    pub(crate) fn join(&mut self, [one, other]: [(usize, Point3<f64>); 2]) {
+        let joint = SphericalJointBuilder::new()
+            .local_anchor1(to_vector(&one.1.coords))
+            .local_anchor2(to_vector(&other.1.coords))
+            .contacts_enabled(false);
+        self.world.insert_impulse_joint(self.all[one.0].handle, self.all[other.0].handle, joint);
+        self.world.integration_parameters.num_solver_iterations = ITERATIONS_JOINED;
+    }
+
+    /// Holds a place of a body (m, in its frame) where it is.
+    pub(crate) fn hold(&mut self, index: usize, place: Point3<f64>) {
+        let held_m = self.pose(index) * place;
+        let fixed = self.world.insert_body(RigidBodyBuilder::fixed().translation(to_vector(&held_m.coords)));
+        let joint = SphericalJointBuilder::new().local_anchor2(to_vector(&place.coords));
+        self.world.insert_impulse_joint(fixed, self.all[index].handle, joint);
+    }
+
+    /// Whether others meet a body; one that is not present stays where it is.
+    pub(crate) fn set_present(&mut self, index: usize, present: bool) {
+        let body = &mut self.world.bodies[self.all[index].handle];
+        if body.is_enabled() != present {
+            body.set_enabled(present);
+        }
+    }
+
+    /// Whether there is one body that can meet nothing.
+    fn is_alone(&self) -> bool {
+        self.obstacles == 0 && self.all.len() <= 1
+    }
+
+    /// Gives the bodies from this one on their colliders.
+    fn give_colliders(&mut self, first: usize) {
+        for body in &self.all[first..] {
+            // They have their masses already.
+            let collider = collider_of(&body.shape).density(0.0).friction(OBSTACLE_FRICTION);
+            self.world.insert_collider(collider, Some(body.handle));
+        }
     }
 
     pub(crate) fn obstacles(&self) -> usize {
         self.obstacles
     }
 
-    pub(crate) fn pose(&self) -> Isometry3<f64> {
-        from_rapier(self.world.bodies[self.handle].position())
+    pub(crate) fn pose(&self, index: usize) -> Isometry3<f64> {
+        from_rapier(self.world.bodies[self.all[index].handle].position())
     }
 
-    pub(crate) fn twist(&self) -> Twist {
-        let body = &self.world.bodies[self.handle];
+    pub(crate) fn twist(&self, index: usize) -> Twist {
+        let body = &self.world.bodies[self.all[index].handle];
         let (v, w) = (body.linvel(), body.angvel());
         Twist { linear: Vector3::new(v.x, v.y, v.z), angular: Vector3::new(w.x, w.y, w.z) }
     }
 
-    pub(crate) fn set_twist(&mut self, twist: &Twist) {
+    pub(crate) fn set_twist(&mut self, index: usize, twist: &Twist) {
         // It never sleeps: there is nothing to wake.
-        let body = &mut self.world.bodies[self.handle];
+        let body = &mut self.world.bodies[self.all[index].handle];
         body.set_linvel(to_vector(&twist.linear), false);
         body.set_angvel(to_vector(&twist.angular), false);
     }
 
-    pub(crate) fn set_pose(&mut self, pose: &Isometry3<f64>) {
-        self.world.bodies[self.handle].set_position(to_rapier(pose), true);
+    pub(crate) fn set_pose(&mut self, index: usize, pose: &Isometry3<f64>) {
+        self.world.bodies[self.all[index].handle].set_position(to_rapier(pose), true);
     }
 
     /// One step with the present velocities.
     pub(crate) fn step(&mut self) {
-        if self.obstacles > 0 {
-            self.world.step();
-        } else {
+        if self.is_alone() {
             self.coast();
+        } else {
+            self.world.step();
         }
     }
 
     /// What rapier's pipeline does to a body that meets nothing: the gyroscopic torque, then the pose, by rapier's own integration.
     fn coast(&mut self) {
         let step_s = self.world.integration_parameters.dt;
-        let body = &mut self.world.bodies[self.handle];
-        body.set_angvel(body.angvel_with_gyroscopic_forces(step_s), false);
-        let mut pose = body.vels().integrate(step_s, body.position(), &body.local_center_of_mass());
-        pose.rotation = pose.rotation.normalize();
-        body.set_position(pose, false);
+        for body in &self.all {
+            let body = &mut self.world.bodies[body.handle];
+            body.set_angvel(body.angvel_with_gyroscopic_forces(step_s), false);
+            let mut pose = body.vels().integrate(step_s, body.position(), &body.local_center_of_mass());
+            pose.rotation = pose.rotation.normalize();
+            body.set_position(pose, false);
+        }
     }
 }
 
@@ -205,12 +261,13 @@ mod tests {
 
     const CAPSULE: CapsuleBody = CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.0033 };
 
-    fn spinning(step_s: f64) -> Body {
-        let mut body = Body::new(&CAPSULE, &Isometry3::translation(0.1, 0.0, 0.2), step_s);
-        body.set_twist(&Twist {
-            linear: Vector3::new(0.02, -0.01, 0.03),
-            angular: Vector3::new(9.0, 4.0, -2.0),
-        });
+    fn spinning(step_s: f64) -> Bodies {
+        let mut body = Bodies::new(step_s);
+        body.add(&CAPSULE, &Isometry3::translation(0.1, 0.0, 0.2));
+        body.set_twist(
+            0,
+            &Twist { linear: Vector3::new(0.02, -0.01, 0.03), angular: Vector3::new(9.0, 4.0, -2.0) },
+        );
         body
     }
 
@@ -243,11 +300,11 @@ mod tests {
                     body.insert(&far_ball());
                 }
                 let linear = Vector3::new(0.02, -0.01, 0.03);
-                body.set_twist(&Twist { linear, angular });
+                body.set_twist(0, &Twist { linear, angular });
                 for _ in 0..500 {
                     body.step();
                 }
-                let pose = body.pose();
+                let pose = body.pose(0);
                 let moved = pose.translation.vector - Vector3::new(0.1, 0.0, 0.2) - linear * 0.5;
                 assert!(moved.norm() < 1e-12, "{moved}");
                 let angle = pose.rotation.angle_to(&exp_so3(&(angular * 0.5)));
@@ -258,9 +315,9 @@ mod tests {
     }
 
     /// `I ω` in the world.
-    fn momentum(body: &Body) -> Vector3<f64> {
-        let (inertia, angular) = (body.inertia, body.twist().angular);
-        let axis = body.pose().rotation * Vector3::x();
+    fn momentum(body: &Bodies) -> Vector3<f64> {
+        let (inertia, angular) = (Inertia::of(&CAPSULE), body.twist(0).angular);
+        let axis = body.pose(0).rotation * Vector3::x();
         angular * inertia.transverse_kg_m2
             + axis * ((inertia.axial_kg_m2 - inertia.transverse_kg_m2) * axis.dot(&angular))
     }
@@ -269,12 +326,12 @@ mod tests {
     /// about the angular momentum at the rate |L|/I_transverse.
     fn precession_error(step_s: f64) -> (f64, f64) {
         let mut body = spinning(step_s);
-        let axis = |body: &Body| body.pose().rotation * Vector3::x();
+        let axis = |body: &Bodies| body.pose(0).rotation * Vector3::x();
         let (start, before) = (axis(&body), momentum(&body));
         for _ in 0..(0.5 / step_s).round() as u32 {
             body.step();
         }
-        let rate = before.norm() / body.inertia.transverse_kg_m2;
+        let rate = before.norm() / Inertia::of(&CAPSULE).transverse_kg_m2;
         let turn = exp_so3(&(before.normalize() * (rate * 0.5)));
         ((turn * start - axis(&body)).norm(), (momentum(&body) - before).norm() / before.norm())
     }
@@ -303,13 +360,13 @@ mod tests {
                 whole.step();
             }
             let mut resumed = make();
-            resumed.set_pose(&whole.pose());
-            resumed.set_twist(&whole.twist());
+            resumed.set_pose(0, &whole.pose(0));
+            resumed.set_twist(0, &whole.twist(0));
             for _ in 0..1000 {
                 whole.step();
                 resumed.step();
             }
-            assert_eq!((whole.pose(), whole.twist()), (resumed.pose(), resumed.twist()));
+            assert_eq!((whole.pose(0), whole.twist(0)), (resumed.pose(0), resumed.twist(0)));
         }
     }
 }

@@ -3,7 +3,7 @@
 //! The equations stand at the head of [`crate::patient::FrameMotion`]'s file. Without a patient the gut's frame is the world's, and every
 //! number is the one of a torso that rests.
 
-use super::{Engine, EngineState};
+use super::{CAPSULE, Engine, EngineState};
 use crate::patient::{Felt, FrameMotion, Patient};
 use nalgebra::Vector3;
 use std::sync::{Arc, OnceLock};
@@ -42,7 +42,7 @@ impl Engine {
 
     /// Specific force of a capsule that rests in the gut, capsule frame, m/s².
     pub(super) fn specific_force_at_rest(&self, time_s: f64) -> Vector3<f64> {
-        let pose = self.body.pose();
+        let pose = self.bodies.pose(CAPSULE);
         let felt = self.felt_at(time_s, &pose.translation.vector, &Vector3::zeros());
         pose.rotation.inverse() * -self.felt_total(&felt)
     }
@@ -76,11 +76,12 @@ impl Engine {
     /// As [`Engine::state`], with pose, velocity and angular rate in the gut's frame instead of the world's: what `world` in their names
     /// says holds for a gut that rests. The specific force is that in the world.
     pub fn state_in_gut(&self) -> EngineState {
-        let pose = self.body.pose();
-        let twist = self.body.twist();
+        let pose = self.bodies.pose(CAPSULE);
+        let twist = self.bodies.twist(CAPSULE);
         let at = self.time();
         // What has left is not stepped any more, and still moves with the patient.
-        let moved = self.left && self.patient.is_some();
+        let capsule = self.capsule();
+        let moved = capsule.left && self.patient.is_some();
         EngineState {
             at,
             world_from_capsule: pose,
@@ -91,12 +92,12 @@ impl Engine {
             } else {
                 self.specific_force_capsule_m_s2
             },
-            arc_length_m: self.station.arc_length_m,
-            offset_m: self.offset_m,
-            segment: self.tract.segments[self.segment_index].key,
+            arc_length_m: capsule.station.arc_length_m,
+            offset_m: capsule.offset_m,
+            segment: self.tract.segments[capsule.segment_index].key,
             wall_force_n: self.wall_force_n,
             contact: self.touching > 0,
-            left: self.left,
+            left: capsule.left,
         }
     }
 }

@@ -131,7 +131,7 @@ pub fn fuzz_inside_lumen(
             engine.step();
             report.note(seed, &engine, capsule.radius_m);
             rest.look(&engine, &mut report);
-            if engine.left {
+            if engine.capsule().left {
                 report.left += 1;
                 break;
             }

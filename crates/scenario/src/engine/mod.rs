@@ -39,6 +39,8 @@ mod events;
 mod felt;
 mod foot;
 mod fuzz;
+mod loose;
+mod mover;
 mod settle;
 mod sleep;
 mod snapshot;
@@ -51,13 +53,13 @@ pub use body::Obstacle;
 pub use config::EngineConfig;
 pub use events::{EngineEvent, EventKind};
 pub use fuzz::{FuzzReport, TOLERANCE_M, fuzz_inside_lumen};
+pub use loose::{Loose, Tether, ends_of};
 pub use settle::Settled;
 
 use crate::patient::{Felt, Patient};
-use body::Body;
+use body::Bodies;
 use config::check;
 use events::Watch;
-use lumenav_anatomy::centre_line::Station;
 use lumenav_anatomy::diverticulum::Diverticulum;
 use lumenav_anatomy::lumen::Lumen;
 use lumenav_anatomy::motility::Motility;
@@ -65,20 +67,21 @@ use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::{End, Tract};
 use lumenav_core::pose::attitude_from_axis;
 use lumenav_core::{CapsuleBody, SimTime};
+use mover::Mover;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use sleep::Sleep;
 use std::f64::consts::PI;
 use std::sync::Arc;
 use system::{System, Twist};
 use valve::Valve;
-use wall::{Cap, Placement, Reaction, Rings, WallContacts};
+use wall::{Cap, Placement, Reaction};
 
 pub use sources::ENGINE_SOURCES;
 
-/// How fast the centre's projection may move: this factor of its speed (on the inner side of a bend the projection is faster), and
-/// this much more, m/s, to catch up.
-const STATION_FACTOR: f64 = 3.0;
-const STATION_SPEED_M_S: f64 = 0.1;
+/// Index of the capsule among the movers.
+const CAPSULE: usize = 0;
+/// What no actuator exerts.
+const NO_WRENCH: [Vector3<f64>; 2] = [Vector3::new(0.0, 0.0, 0.0); 2];
 
 /// What can go wrong with an engine.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -100,6 +103,18 @@ pub enum EngineError {
         "in a tract ([tract]) the capsule has to be longer than wide, as the wall holds it by its straight part, with a positive mass; kinematic truth and replays take any: radius {radius_m} m, length {length_m} m, mass {mass_kg} kg"
     )]
     CapsuleShape {
+        /// Radius, m.
+        radius_m: f64,
+        /// Length, m.
+        length_m: f64,
+        /// Mass, kg.
+        mass_kg: f64,
+    },
+    /// A loose body that is shorter than it is wide, or without size or mass.
+    #[error(
+        "what is loose has to be a ball or longer than wide, with a positive mass: radius {radius_m} m, length {length_m} m, mass {mass_kg} kg"
+    )]
+    LooseShape {
         /// Radius, m.
         radius_m: f64,
         /// Length, m.
@@ -161,27 +176,24 @@ pub struct EngineState {
 /// A capsule in a moving tract.
 pub struct Engine {
     config: EngineConfig,
-    capsule: CapsuleBody,
     tract: Arc<Tract>,
     lumen: Lumen,
-    body: Body,
-    contacts: WallContacts,
+    bodies: Bodies,
+    /// The capsule first, then what is loose; in the order of their bodies.
+    movers: Vec<Mover>,
+    /// What was put in beside the capsule, in words: part of the fingerprint.
+    loose: String,
     caps: [Option<Cap>; 2],
-    valve: Option<Valve>,
     /// Without a patient: the torso's axes are the world's.
     gravity_world_m_s2: Vector3<f64>,
     patient: Option<Arc<Patient>>,
     dry: Vec<bool>,
     step_s: f64,
     step_index: u64,
-    station: Station,
-    offset_m: f64,
-    segment_index: usize,
     wrench_world: [Vector3<f64>; 2],
     specific_force_capsule_m_s2: Vector3<f64>,
     wall_force_n: f64,
     touching: usize,
-    left: bool,
     sleep: Sleep,
     watch: Watch,
     events: Vec<EngineEvent>,
@@ -208,36 +220,31 @@ impl Engine {
             * UnitQuaternion::from_scaled_axis(Vector3::x() * config.start_roll_rad.0);
         let pose = Isometry3::from_parts(Translation3::from(station.position_m.coords), attitude);
         let step_s = 1.0 / f64::from(config.step_rate_hz);
-        let body = Body::new(&capsule, &pose, step_s);
-        let segments = &tract.segments;
-        let dry = segments.iter().map(|segment| config.dry_segments.contains(&segment.key)).collect();
-        let segment_index = segments.iter().position(|s| start_m < s.end_m).unwrap_or(segments.len() - 1);
-        let watch = Watch::new(start_m, segment_index);
+        let mut bodies = Bodies::new(step_s);
+        bodies.add(&capsule, &pose);
+        let dry = tract.segments.iter().map(|segment| config.dry_segments.contains(&segment.key)).collect();
+        let mover = Mover::new(&capsule, station, &tract, 1.0);
+        let watch = Watch::new(start_m, mover.segment_index);
         Ok(Self {
             lumen: Lumen::new(tract.clone(), motility),
-            body,
-            contacts: WallContacts::new(Rings::of(&capsule), &tract),
+            bodies,
+            movers: vec![mover],
+            loose: String::new(),
             caps: caps(&tract),
-            valve: Valve::of(&tract),
             gravity_world_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
             patient: None,
             dry,
             step_s,
             step_index: 0,
-            station,
-            offset_m: 0.0,
-            segment_index,
             wrench_world: [Vector3::zeros(); 2],
             specific_force_capsule_m_s2: Vector3::zeros(),
             wall_force_n: 0.0,
             touching: 0,
-            left: false,
             sleep: Sleep::AWAKE,
             watch,
             events: Vec::with_capacity(16),
             fingerprint: std::sync::OnceLock::new(),
             config,
-            capsule,
             tract,
         })
     }
@@ -270,7 +277,7 @@ impl Engine {
 
     /// Puts something rigid into the tract; a capsule that already overlaps it is pushed out.
     pub fn insert_obstacle(&mut self, obstacle: &Obstacle) {
-        self.body.insert(obstacle);
+        self.bodies.insert(obstacle);
         self.sleep = Sleep::AWAKE;
     }
 
@@ -318,7 +325,7 @@ impl Engine {
     fn step_once(&mut self) {
         let time_s = self.step_index as f64 * self.step_s;
         self.step_index += 1;
-        if self.left {
+        if self.capsule().left {
             return;
         }
         if !self.sleeps_through(time_s) {
@@ -328,61 +335,76 @@ impl Engine {
         self.look();
     }
 
-    /// Moves the capsule by one step, with the wall as it is at `time_s` and the patient as in the `clock_s` from then on (0: the clock
+    fn capsule(&self) -> &Mover {
+        &self.movers[CAPSULE]
+    }
+
+    /// Moves all by one step, with the wall as it is at `time_s` and the patient as in the `clock_s` from then on (0: the clock
     /// stands still).
     fn step_at(&mut self, time_s: f64, clock_s: f64) {
-        let twist = self.body.twist();
-        let pose = self.body.pose();
+        let before = self.bodies.twist(CAPSULE);
+        let wrench = self.wrench_gut(time_s);
+        let reaction = self.push(CAPSULE, time_s, clock_s, &wrench);
+        for index in CAPSULE + 1..self.movers.len() {
+            if !self.movers[index].left {
+                self.push(index, time_s, clock_s, &NO_WRENCH);
+            }
+        }
+        self.bodies.step();
+        self.take_state(&before, &reaction, time_s + clock_s);
+        self.follow_loose();
+    }
+
+    /// Gives a mover the velocities that weight, drag, wrench and wall leave it at the end of the step.
+    fn push(&mut self, index: usize, time_s: f64, clock_s: f64, wrench: &[Vector3<f64>; 2]) -> Reaction {
+        let (twist, pose) = (self.bodies.twist(index), self.bodies.pose(index));
         let axis = pose.rotation * Vector3::x();
-        self.lumen.focus_on(self.station.arc_length_m, self.contacts.rings().reach_m(), time_s);
+        let mover = &self.movers[index];
+        self.lumen.focus_on(mover.station.arc_length_m, mover.contacts.rings().reach_m(), time_s);
         let centre_m = pose.translation.vector;
         let felt = self.felt_at(time_s + 0.5 * clock_s, &centre_m, &twist.linear);
-        let wrench = self.wrench_gut(time_s);
-        let (system, force) = self.forces(&axis, &twist, &felt, &wrench);
+        let (system, force) = self.forces(mover, &axis, &twist, &felt, wrench);
         let placement = Placement {
             centre_m: Point3::from(centre_m),
             axis,
-            station: self.station,
-            free_way_m: self.free_way_m(&twist, &force),
+            station: mover.station,
+            free_way_m: (twist.linear + force * (self.step_s / mover.inertia.mass_kg)) * self.step_s,
         };
-        let friction = self.find_contacts(&placement);
-        let reaction = self.contacts.solve(&system, &twist, friction, &self.config, self.step_s);
-        self.body.set_twist(&reaction.twist);
-        self.body.step();
-        self.take_state(&twist, &reaction, time_s + clock_s);
+        let friction = self.find_contacts(index, &placement);
+        let contacts = &mut self.movers[index].contacts;
+        let reaction = contacts.solve(&system, &twist, friction, &self.config, self.step_s);
+        self.bodies.set_twist(index, &reaction.twist);
+        reaction
     }
 
-    fn find_contacts(&mut self, placement: &Placement) -> f64 {
-        // The index is that of the segment at the station (see `take_state`).
-        let wall = &self.tract.segments[self.segment_index].wall;
-        let shut = self.valve.as_ref().and_then(Valve::shut);
+    fn find_contacts(&mut self, index: usize, placement: &Placement) -> f64 {
+        let mover = &mut self.movers[index];
+        // The index is that of the segment at the station (see `Mover::move_on`).
+        let wall = &self.tract.segments[mover.segment_index].wall;
+        let shut = mover.valve.as_ref().and_then(Valve::shut);
         let ends = self.caps.iter().flatten().chain(shut.as_ref());
-        self.contacts.find(&self.lumen, placement, wall, &self.config, ends);
+        mover.contacts.find(&self.lumen, placement, wall, &self.config, ends);
         wall.friction
-    }
-
-    /// Where the centre moves in a step without drag and wall, m.
-    fn free_way_m(&self, twist: &Twist, force: &Vector3<f64>) -> Vector3<f64> {
-        (twist.linear + force * (self.step_s / self.body.inertia.mass_kg)) * self.step_s
     }
 
     /// Everything but the wall; with the force (N) that does not depend on the velocities.
     fn forces(
         &self,
+        mover: &Mover,
         axis: &Vector3<f64>,
         twist: &Twist,
         felt: &Felt,
         [force, torque]: &[Vector3<f64>; 2],
     ) -> (System, Vector3<f64>) {
-        let inertia = &self.body.inertia;
+        let inertia = &mover.inertia;
         let mut system =
             System::new(inertia.mass_kg, inertia.axial_kg_m2, inertia.transverse_kg_m2, axis, twist);
         let mut weight_kg = inertia.mass_kg;
-        if !self.dry[self.segment_index] {
+        if !self.dry[mover.segment_index] {
             let config = &self.config;
             let (density, viscosity) = (config.fluid_density_kg_m3.0, config.fluid_viscosity_pa_s.0);
             weight_kg -= density * inertia.volume_m3;
-            let (r, length) = (self.capsule.radius_m, self.capsule.length_m);
+            let (r, length) = (mover.shape.radius_m, mover.shape.length_m);
             let pressure = 0.5 * density * config.drag_coefficient.0;
             let speed = twist.linear.norm_squared().sqrt();
             let spin = twist.angular.norm_squared().sqrt();
@@ -392,10 +414,10 @@ impl Engine {
                 8.0 * PI * viscosity * r * r * r + pressure * 2.0 * r * length.powi(4) / 32.0 * spin;
             system.add_damping(self.step_s * linear, self.step_s * angular);
         }
-        let wall = &self.tract.segments[self.segment_index].wall;
+        let wall = &self.tract.segments[mover.segment_index].wall;
         if wall.collapsed {
-            let viscous = self.config.viscous_newton_s_per_m.0 * wall.grip;
-            let half_m = self.contacts.rings().dome;
+            let viscous = self.config.viscous_newton_s_per_m.0 * wall.grip * mover.contacts.surface();
+            let half_m = mover.contacts.rings().dome;
             // Evenly along the cylinder: a turn moves its parts by ω x.
             system.add_damping(self.step_s * viscous, self.step_s * viscous * half_m * half_m / 3.0);
         }
@@ -408,8 +430,8 @@ impl Engine {
     }
 
     fn take_state(&mut self, before: &Twist, reaction: &Reaction, time_s: f64) {
-        let pose = self.body.pose();
-        let after = self.body.twist();
+        let pose = self.bodies.pose(CAPSULE);
+        let after = self.bodies.twist(CAPSULE);
         let acceleration = (after.linear - before.linear) / self.step_s;
         // As felt where and when the step ended, for that is the state's instant.
         let felt = self.felt_at(time_s, &pose.translation.vector, &after.linear);
@@ -417,19 +439,9 @@ impl Engine {
         self.wall_force_n = reaction.force_world_n.norm_squared().sqrt();
         self.touching = reaction.touching;
         let centre = Point3::from(pose.translation.vector);
-        let arc_length_m = self.follow(&centre, &after);
-        if let Some(valve) = &mut self.valve {
-            valve.look(arc_length_m, 0.5 * self.capsule.length_m);
-        }
-        let segments = &self.tract.segments;
-        while self.segment_index + 1 < segments.len() && arc_length_m >= segments[self.segment_index].end_m {
-            self.segment_index += 1;
-        }
-        while self.segment_index > 0 && arc_length_m < segments[self.segment_index].start_m {
-            self.segment_index -= 1;
-        }
-        self.left = self.is_outside(&centre);
-        if self.left {
+        self.movers[CAPSULE].move_on(&centre, &after, &self.tract, self.step_s);
+        if self.is_outside(CAPSULE, &centre) {
+            self.movers[CAPSULE].left = true;
             self.rest(time_s);
         }
     }
@@ -438,43 +450,27 @@ impl Engine {
     fn look(&mut self) {
         let seen = events::Seen {
             at: self.time(),
-            arc_length_m: self.station.arc_length_m,
-            segment_index: self.segment_index,
+            arc_length_m: self.capsule().station.arc_length_m,
+            segment_index: self.capsule().segment_index,
             touching: self.touching > 0,
-            left: self.left,
+            left: self.capsule().left,
         };
         self.watch.look(&seen, &self.tract, &self.config, &mut self.events);
     }
 
     /// What has left rests where the tract ends: outside there is nothing that this engine could follow it through.
     fn rest(&mut self, time_s: f64) {
-        self.body.set_twist(&Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
+        self.bodies.set_twist(CAPSULE, &Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
         self.specific_force_capsule_m_s2 = self.specific_force_at_rest(time_s);
         self.wall_force_n = 0.0;
         self.touching = 0;
     }
 
-    /// Takes on the centre's projection, as far as it can have moved in a step: where the centre crosses the evolute of a tight bend
-    /// the projection jumps, the capsule does not. Returns its arc length.
-    fn follow(&mut self, centre: &Point3<f64>, twist: &Twist) -> f64 {
-        let line = &self.tract.centre_line;
-        let before_m = self.station.arc_length_m;
-        let foot = line.project_near(centre, before_m);
-        let most_m = self.step_s * (STATION_FACTOR * twist.linear.norm_squared().sqrt() + STATION_SPEED_M_S);
-        let arc_length_m = foot.arc_length_m.clamp(before_m - most_m, before_m + most_m);
-        if arc_length_m == foot.arc_length_m {
-            (self.station, self.offset_m) = (foot.station, foot.distance_m);
-        } else {
-            self.station = line.station(arc_length_m);
-            self.offset_m = (centre - self.station.position_m).norm();
-        }
-        arc_length_m
-    }
-
-    /// Whether the centre is beyond an open end.
-    fn is_outside(&self, centre: &Point3<f64>) -> bool {
-        let (s, length_m) = (self.station.arc_length_m, self.tract.length_m());
-        let beyond = (centre - self.station.position_m).dot(&self.station.tangent);
+    /// Whether a mover's centre is beyond an open end.
+    fn is_outside(&self, index: usize, centre: &Point3<f64>) -> bool {
+        let station = &self.movers[index].station;
+        let (s, length_m) = (station.arc_length_m, self.tract.length_m());
+        let beyond = (centre - station.position_m).dot(&station.tangent);
         (self.caps[0].is_none() && s <= 0.0 && beyond < 0.0)
             || (self.caps[1].is_none() && s >= length_m && beyond > 0.0)
     }

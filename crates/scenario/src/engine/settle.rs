@@ -13,7 +13,7 @@
 
 use super::events::Watch;
 use super::system::Twist;
-use super::{Engine, EngineError};
+use super::{CAPSULE, Engine, EngineError};
 use nalgebra::{Point3, Vector3};
 
 /// Speed of the capsule's faster end below which it rests, m/s: a fiftieth of what it has when it falls.
@@ -59,19 +59,20 @@ impl Engine {
         if most_s == 0.0 {
             return Ok(settled);
         }
-        let put_m = self.station.arc_length_m;
-        let plane = Plane { point_m: self.station.position_m, normal: self.station.tangent };
+        let put = self.capsule().station;
+        let put_m = put.arc_length_m;
+        let plane = Plane { point_m: put.position_m, normal: put.tangent };
         let held_s = HELD_AT_MOST_S.min(most_s);
         settled.took_s = self.await_rest(put_m, held_s, Some(&plane)).unwrap_or(held_s);
         let free_s = self.await_rest(put_m, most_s, None);
-        settled.moved_m = self.station.arc_length_m - put_m;
+        settled.moved_m = self.capsule().station.arc_length_m - put_m;
         settled.took_s += free_s.ok_or_else(|| EngineError::Unsettled {
             put_m,
-            reached_m: self.station.arc_length_m,
+            reached_m: self.capsule().station.arc_length_m,
             within_m: self.settled_within_m(),
             speed_m_s: self.fastest_end_m_s(),
         })?;
-        self.watch = Watch::new(self.station.arc_length_m, self.segment_index);
+        self.watch = Watch::new(self.capsule().station.arc_length_m, self.capsule().segment_index);
         self.watch.lost = self.touching == 0;
         self.events.clear();
         Ok(settled)
@@ -88,7 +89,9 @@ impl Engine {
             if let Some(plane) = held {
                 self.hold_in(plane);
             }
-            if self.left || (self.station.arc_length_m - put_m).abs() > self.settled_within_m() {
+            if self.capsule().left
+                || (self.capsule().station.arc_length_m - put_m).abs() > self.settled_within_m()
+            {
                 return None;
             }
             let fastest_m_s = self.fastest_end_m_s();
@@ -103,26 +106,27 @@ impl Engine {
 
     /// Takes back what the last step did along the plane's normal.
     fn hold_in(&mut self, plane: &Plane) {
-        let mut pose = self.body.pose();
-        let mut twist: Twist = self.body.twist();
+        let mut pose = self.bodies.pose(CAPSULE);
+        let mut twist: Twist = self.bodies.twist(CAPSULE);
         let along_m = plane.normal.dot(&(Point3::from(pose.translation.vector) - plane.point_m));
         pose.translation.vector -= plane.normal * along_m;
         twist.linear = (twist.linear - plane.normal * plane.normal.dot(&twist.linear)) * HELD_KEEPS;
         twist.angular *= HELD_KEEPS;
-        self.body.set_pose(&pose);
-        self.body.set_twist(&twist);
-        self.follow(&Point3::from(pose.translation.vector), &twist);
+        self.bodies.set_pose(CAPSULE, &pose);
+        self.bodies.set_twist(CAPSULE, &twist);
+        let centre = Point3::from(pose.translation.vector);
+        self.movers[CAPSULE].follow(&centre, &twist, &self.tract, self.step_s);
     }
 
     fn settled_within_m(&self) -> f64 {
-        SETTLED_WITHIN_LENGTHS * self.capsule.length_m
+        SETTLED_WITHIN_LENGTHS * self.capsule().shape.length_m
     }
 
     /// Speed of the faster end of the capsule, at most, m/s. Turning about the own axis does not count: rolling to and fro at the bottom
     /// of a wide lumen is hardly damped, and by itself moves nothing.
     pub(super) fn fastest_end_m_s(&self) -> f64 {
-        let twist = self.body.twist();
-        let axis = self.body.pose().rotation * Vector3::x();
-        twist.linear.norm() + 0.5 * self.capsule.length_m * axis.cross(&twist.angular).norm()
+        let twist = self.bodies.twist(CAPSULE);
+        let axis = self.bodies.pose(CAPSULE).rotation * Vector3::x();
+        twist.linear.norm() + 0.5 * self.capsule().shape.length_m * axis.cross(&twist.angular).norm()
     }
 }

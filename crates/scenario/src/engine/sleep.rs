@@ -3,13 +3,13 @@
 //! In phase I of the small bowel nothing contracts for three quarters of an hour. A capsule whose surface has moved slower than
 //! [`SLEEPING_M_S`] for [`SLEEPY_FOR_S`] is put to rest (no velocity) and left there until a wave comes within reach
 //! ([`lumenav_anatomy::lumen::Lumen::still_until_s`]), the patient moves the gut ([`crate::patient::Patient::still_until_s`]; with
-//! every breath), gravity turns or the wrench changes. What this leaves out is the creep of the
+//! every breath), gravity turns or the wrench changes. With loose things beside it a capsule never sleeps. What this leaves out is the creep of the
 //! regularised friction, microns per second at most, which no real friction has.
 //!
 //! Waking depends on the motility, the patient and the capsule's place alone, so that steps and jumps end in the same bits.
 
-use super::Engine;
 use super::system::Twist;
+use super::{CAPSULE, Engine};
 use lumenav_core::SimTime;
 use nalgebra::Vector3;
 
@@ -37,9 +37,11 @@ impl Sleep {
 impl Engine {
     /// Called after a step that ended at `time_s`: counts rest, and falls asleep when there was enough of it.
     pub(super) fn doze(&mut self, time_s: f64) {
-        let spin = self.body.pose().rotation.inverse() * self.body.twist().angular;
-        let surface_m_s = self.fastest_end_m_s() + spin.x.abs() * self.capsule.radius_m;
-        let rests = self.config.sleep && !self.left && surface_m_s < SLEEPING_M_S;
+        let spin = self.bodies.pose(CAPSULE).rotation.inverse() * self.bodies.twist(CAPSULE).angular;
+        let surface_m_s = self.fastest_end_m_s() + spin.x.abs() * self.capsule().shape.radius_m;
+        // What is loose beside it may move it at any time.
+        let alone = self.movers.len() == 1;
+        let rests = self.config.sleep && alone && !self.capsule().left && surface_m_s < SLEEPING_M_S;
         self.sleep.rested_steps = if rests { self.sleep.rested_steps + 1 } else { 0 };
         if self.sleep.rested_steps as f64 * self.step_s < SLEEPY_FOR_S {
             return;
@@ -47,14 +49,15 @@ impl Engine {
         let until_s = self.still_until_s(time_s);
         if until_s > time_s {
             self.sleep.until_s = Some(until_s);
-            self.body.set_twist(&Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
+            self.bodies.set_twist(CAPSULE, &Twist { linear: Vector3::zeros(), angular: Vector3::zeros() });
             self.specific_force_capsule_m_s2 = self.specific_force_at_rest(time_s);
         }
     }
 
     /// Until when neither the wall within reach nor the patient moves, s.
     fn still_until_s(&self, time_s: f64) -> f64 {
-        let wall = self.lumen.still_until_s(self.station.arc_length_m, self.contacts.rings().reach_m());
+        let capsule = self.capsule();
+        let wall = self.lumen.still_until_s(capsule.station.arc_length_m, capsule.contacts.rings().reach_m());
         wall.min(self.patient_still_until_s(time_s))
     }
 
@@ -75,7 +78,7 @@ impl Engine {
 
     /// While it sleeps or has left: the last step up to `last_step` before which nothing can happen. The present one otherwise.
     pub(super) fn undisturbed_until(&self, last_step: u64) -> u64 {
-        if self.left {
+        if self.capsule().left {
             return last_step;
         }
         let Some(until_s) = self.sleep.until_s else { return self.step_index };

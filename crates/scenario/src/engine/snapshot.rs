@@ -4,16 +4,18 @@
 //! order of [`Engine::snapshot`]. The motility is not in it: it is a pure function of time, and is replayed on restoring
 //! (0.1 s for eight hours). Neither is the patient, another pure function of time. A snapshot belongs to an engine built from the same scenario; the fingerprint tells others.
 
+use super::mover::Mover;
 use super::sleep::Sleep;
 use super::system::Twist;
-use super::{Engine, EngineError};
+use super::wall::RINGS;
+use super::{CAPSULE, Engine, EngineError};
 use lumenav_core::SimTime;
 use std::fmt::{self, Write as _};
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 const MAGIC: &[u8; 4] = b"LNVE";
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Stands for "awake" where a sleeper's time would stand, s.
 const AWAKE_S: f64 = -1.0;
 
@@ -33,6 +35,35 @@ impl Writer {
             self.number(*v);
         }
     }
+
+    fn mover(&mut self, mover: &Mover, pose: &Isometry3<f64>, twist: &Twist) {
+        self.vector(&pose.translation.vector);
+        for q in pose.rotation.coords.iter() {
+            self.number(*q);
+        }
+        self.vector(&twist.linear);
+        self.vector(&twist.angular);
+        self.number(mover.station.arc_length_m);
+        self.number(mover.offset_m);
+        for foot_m in mover.contacts.feet_m() {
+            self.number(*foot_m);
+        }
+        self.whole(mover.segment_index as u64);
+        self.whole(u64::from(mover.valve.is_some_and(|valve| valve.passed)));
+        self.whole(u64::from(mover.left));
+    }
+}
+
+/// The state of one mover.
+struct Moved {
+    pose: Isometry3<f64>,
+    twist: Twist,
+    arc_length_m: f64,
+    offset_m: f64,
+    feet_m: [f64; RINGS],
+    segment_index: usize,
+    passed: bool,
+    left: bool,
 }
 
 struct Reader<'a>(&'a [u8]);
@@ -66,6 +97,26 @@ impl Reader<'_> {
     fn vector(&mut self) -> Result<Vector3<f64>, EngineError> {
         Ok(Vector3::new(self.number()?, self.number()?, self.number()?))
     }
+
+    fn mover(&mut self) -> Result<Moved, EngineError> {
+        let translation = Translation3::from(self.vector()?);
+        let [i, j, k, w] = [self.number()?, self.number()?, self.number()?, self.number()?];
+        let quaternion = Quaternion::new(w, i, j, k);
+        if (quaternion.norm() - 1.0).abs() > 1e-6 {
+            return Err(EngineError::Snapshot { reason: "the attitude is no rotation" });
+        }
+        // Not normalised: the bits are the state.
+        let pose = Isometry3::from_parts(translation, UnitQuaternion::new_unchecked(quaternion));
+        let twist = Twist { linear: self.vector()?, angular: self.vector()? };
+        let (arc_length_m, offset_m) = (self.number()?, self.number()?);
+        let mut feet_m = [0.0; RINGS];
+        for foot_m in &mut feet_m {
+            *foot_m = self.number()?;
+        }
+        let segment_index = self.whole()? as usize;
+        let (passed, left) = (self.flag()?, self.flag()?);
+        Ok(Moved { pose, twist, arc_length_m, offset_m, feet_m, segment_index, passed, left })
+    }
 }
 
 impl Engine {
@@ -76,27 +127,13 @@ impl Engine {
         out.0.extend_from_slice(&VERSION.to_le_bytes());
         out.whole(self.fingerprint());
         out.whole(self.step_index);
-        let (pose, twist) = (self.body.pose(), self.body.twist());
-        out.vector(&pose.translation.vector);
-        for q in pose.rotation.coords.iter() {
-            out.number(*q);
-        }
-        out.vector(&twist.linear);
-        out.vector(&twist.angular);
         out.vector(&self.gravity_world_m_s2);
         for w in &self.wrench_world {
             out.vector(w);
         }
-        out.number(self.station.arc_length_m);
-        out.number(self.offset_m);
-        for foot_m in self.contacts.feet_m() {
-            out.number(*foot_m);
-        }
         out.vector(&self.specific_force_capsule_m_s2);
         out.number(self.wall_force_n);
         out.whole(self.touching as u64);
-        out.whole(self.segment_index as u64);
-        out.whole(u64::from(self.left));
         let watch = &self.watch;
         out.whole(watch.segment_index as u64);
         out.whole(watch.last_touch.0 as u64);
@@ -105,10 +142,12 @@ impl Engine {
         out.whole(watch.anchored.0 as u64);
         out.whole(u64::from(watch.stalled));
         out.whole(u64::from(watch.retained));
-        out.whole(u64::from(self.valve.is_some_and(|valve| valve.passed)));
         out.whole(self.sleep.rested_steps);
         // Awake: a time that nothing can have.
         out.number(self.sleep.until_s.map_or(AWAKE_S, |until_s| until_s.min(f64::MAX)));
+        for (index, mover) in self.movers.iter().enumerate() {
+            out.mover(mover, &self.bodies.pose(index), &self.bodies.twist(index));
+        }
         out.0
     }
 
@@ -128,25 +167,11 @@ impl Engine {
             return Err(EngineError::Snapshot { reason: "another configuration, capsule or tract" });
         }
         let step_index = from.whole()?;
-        let translation = Translation3::from(from.vector()?);
-        let [i, j, k, w] = [from.number()?, from.number()?, from.number()?, from.number()?];
-        let quaternion = Quaternion::new(w, i, j, k);
-        if (quaternion.norm() - 1.0).abs() > 1e-6 {
-            return Err(EngineError::Snapshot { reason: "the attitude is no rotation" });
-        }
-        // Not normalised: the bits are the state.
-        let pose = Isometry3::from_parts(translation, UnitQuaternion::new_unchecked(quaternion));
-        let twist = Twist { linear: from.vector()?, angular: from.vector()? };
         let gravity_world_m_s2 = from.vector()?;
         let wrench_world = [from.vector()?, from.vector()?];
-        let (arc_length_m, offset_m) = (from.number()?, from.number()?);
-        let mut feet_m = *self.contacts.feet_m();
-        for foot_m in &mut feet_m {
-            *foot_m = from.number()?;
-        }
         let specific_force_capsule_m_s2 = from.vector()?;
         let wall_force_n = from.number()?;
-        let (touching, segment_index, left) = (from.whole()? as usize, from.whole()? as usize, from.flag()?);
+        let touching = from.whole()? as usize;
         let mut watch = self.watch;
         watch.segment_index = from.whole()? as usize;
         watch.last_touch = SimTime(from.whole()? as i64);
@@ -155,40 +180,54 @@ impl Engine {
         watch.anchored = SimTime(from.whole()? as i64);
         watch.stalled = from.flag()?;
         watch.retained = from.flag()?;
-        let passed = from.flag()?;
         let (rested_steps, until_s) = (from.whole()?, from.number()?);
         let sleep = Sleep { rested_steps, until_s: (until_s > AWAKE_S).then_some(until_s) };
+        let mut all = Vec::with_capacity(self.movers.len());
+        for _ in &self.movers {
+            all.push(from.mover()?);
+        }
         if !from.0.is_empty() {
             return Err(EngineError::Snapshot { reason: "too long" });
         }
-        if segment_index.max(watch.segment_index) >= self.tract.segments.len() {
+        let segments = all.iter().map(|moved| moved.segment_index);
+        if segments.chain([watch.segment_index]).any(|index| index >= self.tract.segments.len()) {
             return Err(EngineError::Snapshot { reason: "a segment that the tract lacks" });
         }
         self.step_index = step_index;
-        self.body.set_pose(&pose);
-        self.contacts.set_feet_m(feet_m);
-        self.body.set_twist(&twist);
+        for (index, moved) in all.iter().enumerate() {
+            self.put(index, moved);
+        }
         self.gravity_world_m_s2 = gravity_world_m_s2;
         self.wrench_world = wrench_world;
-        self.station = self.tract.centre_line.station(arc_length_m);
-        self.offset_m = offset_m;
         self.specific_force_capsule_m_s2 = specific_force_capsule_m_s2;
         (self.wall_force_n, self.touching) = (wall_force_n, touching);
-        (self.segment_index, self.left, self.watch) = (segment_index, left, watch);
+        self.watch = watch;
         self.sleep = sleep;
-        if let Some(valve) = &mut self.valve {
-            valve.passed = passed;
-        }
         self.events.clear();
         self.lumen.advance_to(step_index as f64 * self.step_s);
         Ok(())
+    }
+
+    fn put(&mut self, index: usize, moved: &Moved) {
+        self.bodies.set_pose(index, &moved.pose);
+        self.bodies.set_twist(index, &moved.twist);
+        let mover = &mut self.movers[index];
+        mover.station = self.tract.centre_line.station(moved.arc_length_m);
+        mover.offset_m = moved.offset_m;
+        mover.contacts.set_feet_m(moved.feet_m);
+        mover.segment_index = moved.segment_index;
+        if let Some(valve) = &mut mover.valve {
+            valve.passed = moved.passed;
+        }
+        mover.left = moved.left;
+        self.bodies.set_present(index, index == CAPSULE || !moved.left);
     }
 
     /// FNV-1a over what the engine was built from: configuration, capsule, tract, motility, patient, obstacles and diverticula, each in full.
     fn fingerprint(&self) -> u64 {
         let constant = self.fingerprint.get_or_init(|| {
             let mut hash = Fnv::default();
-            hash.add(&format_args!("{:?}{:?}", self.config, self.capsule));
+            hash.add(&format_args!("{:?}{:?}", self.config, self.capsule().shape));
             hash.add(&format_args!("{:?}", self.tract));
             hash.add(&format_args!("{}", self.lumen.motility().fingerprint_text()));
             if let Some(patient) = &self.patient {
@@ -197,7 +236,7 @@ impl Engine {
             hash.0
         });
         let mut hash = Fnv(*constant);
-        hash.add(&format_args!("{}{:?}", self.body.obstacles(), self.lumen.diverticula()));
+        hash.add(&format_args!("{}{:?}{}", self.bodies.obstacles(), self.lumen.diverticula(), self.loose));
         hash.0
     }
 }

@@ -172,18 +172,20 @@ pub(crate) struct Reaction {
 }
 
 /// The contacts of the present step; kept between steps to allocate nothing.
+#[derive(Clone)]
 pub(crate) struct WallContacts {
     rings: Rings,
+    surface: f64,
     bends: Bends,
     contacts: Vec<Contact>,
     feet_m: [f64; RINGS],
 }
 
 impl WallContacts {
-    /// For a capsule with these rings in `tract`.
-    pub(crate) fn new(rings: Rings, tract: &Tract) -> Self {
+    /// For a body with these rings in `tract`; `surface`: its surface over the capsule's, to which F0 and c_v belong.
+    pub(crate) fn new(rings: Rings, tract: &Tract, surface: f64) -> Self {
         let bends = Bends::of(tract, &rings);
-        Self { rings, bends, contacts: Vec::with_capacity(MOST_CONTACTS), feet_m: [0.0; RINGS] }
+        Self { rings, surface, bends, contacts: Vec::with_capacity(MOST_CONTACTS), feet_m: [0.0; RINGS] }
     }
 
     /// How far the feet of the rings were from the middle's in the last step, along the centre line, m.
@@ -197,6 +199,11 @@ impl WallContacts {
 
     pub(crate) fn rings(&self) -> &Rings {
         &self.rings
+    }
+
+    /// Its surface over the capsule's.
+    pub(crate) fn surface(&self) -> f64 {
+        self.surface
     }
 
     /// Finds what touches. `lumen` is focused on the capsule and the present time.
@@ -217,7 +224,7 @@ impl WallContacts {
                 self.touch_taut(ring, &foot, lumen);
             }
         }
-        self.share_adhesion(wall.grip * config.coulomb_newton.0);
+        self.share_adhesion(wall.grip * config.coulomb_newton.0 * self.surface);
         self.touch_backstop(lumen, placement);
         for cap in ends {
             self.touch_cap(cap, placement, config);
@@ -309,7 +316,7 @@ impl WallContacts {
         }
         // A collapsed lumen lies around the capsule wherever it is: the engine sees to that.
         let share_of_wall = if wall.collapsed { 0.0 } else { wall.grip * covered };
-        let viscous = config.viscous_newton_s_per_m.0 * share_of_wall / RINGS as f64;
+        let viscous = config.viscous_newton_s_per_m.0 * self.surface * share_of_wall / RINGS as f64;
         let found = &mut self.contacts[first..];
         let share = viscous / found.len().max(1) as f64;
         for contact in found {

@@ -1,0 +1,206 @@
+//! What is loose in the tract beside the capsule: residue, a second capsule, a tether.
+
+use lumenav_anatomy::motility::Motility;
+use lumenav_anatomy::motility_config::{MotilityConfig, WaveConfig};
+use lumenav_anatomy::segment::SegmentKey;
+use lumenav_anatomy::tract::{End, SegmentPoints, Tract, TractDraft};
+use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
+use lumenav_core::{CapsuleBody, RandomStreams, SimTime};
+use lumenav_scenario::engine::{Engine, EngineConfig, EngineError, Loose, Tether, ends_of};
+use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
+
+const CAPSULE: CapsuleBody = CapsuleBody { radius_m: 0.0055, length_m: 0.026, mass_kg: 0.0033 };
+const TETHER: Tether =
+    Tether { length_m: 0.05, radius_m: 0.001, link_m: 0.01, density_kg_m3: 1200.0, held: true };
+
+/// A straight ileum along z, open at its anal end.
+fn ileum(radius_m: f64) -> Arc<Tract> {
+    let key = SegmentKey::Ileum;
+    let points_m: Vec<_> = (0..=20).map(|i| Point3::new(0.0, 0.0, 0.02 * f64::from(i))).collect();
+    let radii_m = vec![radius_m; points_m.len()];
+    let segment = SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() };
+    let (segments, ends) = (vec![segment], (End::Closed, End::Exit));
+    let draft =
+        TractDraft { name: "t".into(), segments, ends, torso_half_extents_m: None, source: String::new() };
+    Arc::new(draft.build().unwrap().0)
+}
+
+/// A capsule at 100 mm and, unless it is still, a strong wave from 60 mm on that takes it along at 10 mm/s.
+fn engine(radius_m: f64, still: bool) -> Engine {
+    let tract = ileum(radius_m);
+    let wave = WaveConfig {
+        start_time_s: NonNegative(1.0),
+        segment: None,
+        start_m: Finite(0.06),
+        speed_m_s: Finite(0.01),
+        run_m: Some(Positive(0.3)),
+        duration_s: None,
+        width_m: Positive(0.01),
+        amplitude: Fraction(0.8),
+        flattens_ahead_m: NonNegative(0.0),
+    };
+    let wave = if still { vec![] } else { vec![wave] };
+    let motility = MotilityConfig { spontaneous: false, wave, ..MotilityConfig::default() };
+    let motility = Motility::new(&motility, &tract, &RandomStreams::new(1, 0, "motility")).unwrap();
+    let config = EngineConfig { start_arc_length_m: NonNegative(0.1), ..EngineConfig::default() };
+    Engine::new(config, tract, motility, CAPSULE).unwrap()
+}
+
+fn ball(radius_m: f64, arc_length_m: f64) -> Loose {
+    let mass_kg = 1050.0 * 4.0 / 3.0 * std::f64::consts::PI * radius_m.powi(3);
+    Loose { shape: CapsuleBody { radius_m, length_m: 2.0 * radius_m, mass_kg }, arc_length_m }
+}
+
+/// Distance of the axes of two capsules less their radii, m, by points along them.
+fn gap_m(
+    one: &(CapsuleBody, nalgebra::Isometry3<f64>),
+    other: &(CapsuleBody, nalgebra::Isometry3<f64>),
+) -> f64 {
+    let along = |(shape, pose): &(CapsuleBody, nalgebra::Isometry3<f64>), part: f64| {
+        pose * Point3::new((0.5 * shape.length_m - shape.radius_m) * part, 0.0, 0.0)
+    };
+    let parts = || (-50..=50).map(|k| f64::from(k) / 50.0);
+    let nearest = parts()
+        .flat_map(|a| parts().map(move |b| (along(one, a) - along(other, b)).norm()))
+        .fold(f64::INFINITY, f64::min);
+    nearest - one.0.radius_m - other.0.radius_m
+}
+
+#[test]
+fn law_a_capsule_pushes_residue_before_it() {
+    let mut engine = engine(0.0085, false);
+    engine.insert_loose(&ball(0.005, 0.16)).unwrap();
+    engine.settle().unwrap();
+    let start_m = engine.loose().next().unwrap().2;
+    assert!((start_m - 0.16).abs() < 0.005, "{start_m}");
+    let (mut nearest_m, mut pushed) = (f64::INFINITY, false);
+    for k in 1..=120 {
+        engine.advance_to(SimTime::from_seconds(0.25 * f64::from(k)));
+        let (shape, pose, s_m) = engine.loose().next().unwrap();
+        let state = engine.state();
+        nearest_m = nearest_m.min(gap_m(&(CAPSULE, state.world_from_capsule), &(shape, pose)));
+        pushed |= s_m > 0.25;
+        assert!(s_m > state.arc_length_m, "the ball fell behind at {:.1} s", 0.25 * f64::from(k));
+    }
+    // They touch, and do not enter each other.
+    assert!(pushed && (-5e-4..5e-4).contains(&nearest_m), "{pushed}, {nearest_m} m");
+}
+
+#[test]
+fn law_two_capsules_do_not_enter_each_other() {
+    let mut engine = engine(0.0085, false);
+    engine.insert_loose(&Loose { shape: CAPSULE, arc_length_m: 0.15 }).unwrap();
+    engine.settle().unwrap();
+    let mut nearest_m = f64::INFINITY;
+    for k in 1..=120 {
+        engine.advance_to(SimTime::from_seconds(0.25 * f64::from(k)));
+        let (shape, pose, _) = engine.loose().next().unwrap();
+        nearest_m = nearest_m.min(gap_m(&(CAPSULE, engine.state().world_from_capsule), &(shape, pose)));
+    }
+    let second_m = engine.loose().next().unwrap().2;
+    assert!(second_m > 0.25 && second_m - engine.state().arc_length_m > 0.02, "{second_m}");
+    assert!((-5e-4..5e-4).contains(&nearest_m), "{nearest_m} m");
+}
+
+#[test]
+fn cross_a_second_capsule_rests_as_the_first_does() {
+    // The same body in the same wall, one as the capsule, the other beside it: both sink as far into the wall.
+    let mut engine = engine(0.012, true);
+    engine.insert_loose(&Loose { shape: CAPSULE, arc_length_m: 0.2 }).unwrap();
+    engine.settle().unwrap();
+    engine.advance_to(SimTime::from_seconds(5.0));
+    let (_, pose, s_m) = engine.loose().next().unwrap();
+    let state = engine.state();
+    let first = state.world_from_capsule.translation.vector;
+    assert!((pose.translation.y - first.y).abs() < 2e-6, "{} {}", pose.translation.y, first.y);
+    assert!((s_m - 0.2).abs() < 1e-4 && (state.arc_length_m - 0.1).abs() < 1e-4, "{s_m}");
+}
+
+#[test]
+fn closed_form_a_held_tether_lets_a_capsule_go_as_far_as_it_reaches() {
+    // It lies stretched from the capsule's tip to where it is held, so the capsule stays; without, and with a free one, it is carried on.
+    let carried_m = |tether: Option<Tether>| {
+        let mut engine = engine(0.0085, false);
+        if let Some(tether) = tether {
+            engine.attach_tether(&tether).unwrap();
+        }
+        engine.settle().unwrap();
+        let start_m = engine.state().arc_length_m;
+        let mut links_m: Vec<f64> = Vec::new();
+        for k in 1..=100 {
+            engine.advance_to(SimTime::from_seconds(0.25 * f64::from(k)));
+            let mut end_m = engine.oral_tip_gut_m();
+            for (shape, pose, _) in engine.loose() {
+                let [aboral, oral] = ends_of(&shape, &pose);
+                links_m.push((aboral - end_m).norm());
+                end_m = oral;
+            }
+        }
+        let apart_m = links_m.iter().copied().fold(0.0, f64::max);
+        (engine.state().arc_length_m - start_m, apart_m)
+    };
+    let (alone_m, _) = carried_m(None);
+    let (held_m, apart_m) = carried_m(Some(TETHER));
+    let (free_m, free_apart_m) = carried_m(Some(Tether { held: false, ..TETHER }));
+    println!(
+        "alone {alone_m} m, held {held_m} m (joints {apart_m} m), free {free_m} m (joints {free_apart_m} m)"
+    );
+    assert!(alone_m > 0.15 && free_m > 0.15, "{alone_m}, {free_m}");
+    assert!(held_m < 0.002, "{held_m}");
+    assert!(apart_m < 1e-3 && free_apart_m < 1e-3, "{apart_m}, {free_apart_m}");
+}
+
+#[test]
+fn law_a_snapshot_holds_what_is_loose() {
+    let make = || {
+        let mut engine = engine(0.0085, false);
+        engine.insert_loose(&ball(0.004, 0.15)).unwrap();
+        engine.insert_loose(&Loose { shape: CAPSULE, arc_length_m: 0.19 }).unwrap();
+        engine.attach_tether(&TETHER).unwrap();
+        engine.settle().unwrap();
+        engine
+    };
+    let mut whole = make();
+    whole.advance_to(SimTime::from_seconds(8.0));
+    let snapshot = whole.snapshot();
+    let mut resumed = make();
+    resumed.restore(&snapshot).unwrap();
+    assert_eq!(resumed.snapshot(), snapshot);
+    for engine in [&mut whole, &mut resumed] {
+        engine.advance_to(SimTime::from_seconds(20.0));
+    }
+    assert_eq!(whole.snapshot(), resumed.snapshot());
+    let mut without = engine(0.0085, false);
+    assert!(matches!(without.restore(&snapshot), Err(EngineError::Snapshot { .. })));
+}
+
+#[test]
+fn law_what_has_left_is_in_nobodys_way() {
+    let mut engine = engine(0.0085, true);
+    engine.insert_loose(&ball(0.005, 0.395)).unwrap();
+    engine.set_gravity_torso(&Vector3::new(0.0, 0.0, 30.0));
+    engine.advance_to(SimTime::from_seconds(60.0));
+    let (_, pose, s_m) = engine.loose().next().unwrap();
+    assert!(s_m >= 0.4 - 1e-9 && pose.translation.z > 0.4 && pose.translation.z < 0.41, "{pose}");
+}
+
+#[test]
+fn law_impossible_bodies_are_refused() {
+    let mut engine = engine(0.0085, true);
+    let flat = CapsuleBody { length_m: 0.005, ..CAPSULE };
+    assert!(matches!(
+        engine.insert_loose(&Loose { shape: flat, arc_length_m: 0.2 }),
+        Err(EngineError::LooseShape { .. })
+    ));
+    assert!(matches!(engine.insert_loose(&ball(0.004, 0.5)), Err(EngineError::OutOfRange { .. })));
+    for tether in [
+        Tether { length_m: 0.09, ..TETHER },
+        Tether { link_m: 0.002, ..TETHER },
+        Tether { radius_m: 0.006, ..TETHER },
+        Tether { density_kg_m3: f64::NAN, ..TETHER },
+    ] {
+        assert!(matches!(engine.attach_tether(&tether), Err(EngineError::OutOfRange { .. })), "{tether:?}");
+    }
+    assert_eq!(engine.loose().count(), 0);
+}
