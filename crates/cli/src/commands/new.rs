@@ -12,7 +12,7 @@ use lumenav::scenario::ScenarioFile;
 use std::path::{Path, PathBuf};
 
 /// The shipped scenarios by name (about 10 kB in all).
-const SHIPPED: [(&str, &str); 30] = [
+const SHIPPED: [(&str, &str); 31] = [
     ("colon-magnetic", include_str!("../../../../scenarios/colon-magnetic.toml")),
     ("colon-pet-bed", include_str!("../../../../scenarios/colon-pet-bed.toml")),
     ("colon-pet-magnetic", include_str!("../../../../scenarios/colon-pet-magnetic.toml")),
@@ -40,6 +40,7 @@ const SHIPPED: [(&str, &str); 30] = [
     ("smoke/helix", include_str!("../../../../scenarios/smoke/helix.toml")),
     ("smoke/pet", include_str!("../../../../scenarios/smoke/pet.toml")),
     ("stomach", include_str!("../../../../scenarios/stomach.toml")),
+    ("tethered", include_str!("../../../../scenarios/tethered.toml")),
     ("torso-belt-study", include_str!("../../../../scenarios/torso-belt-study.toml")),
     ("turning-patient", include_str!("../../../../scenarios/turning-patient.toml")),
     ("whole-exam", include_str!("../../../../scenarios/whole-exam.toml")),

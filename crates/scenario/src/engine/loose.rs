@@ -9,7 +9,7 @@
 //! A step: the wall gives each its velocities, then rapier makes them agree with contacts and joints. So the wall does not resist the impulse of a
 //! contact or joint within the step in which it comes.
 //!
-//! Neglected: that residue gives way, sticks and dissolves; the tether's bending stiffness; the lumen's wall between two bodies on either side of a fold.
+//! Neglected: that residue gives way, sticks and dissolves (a ball rolls); the tether's bending stiffness; the lumen's wall between two bodies on either side of a fold.
 
 use super::mover::Mover;
 use super::{CAPSULE, Engine, EngineError};
