@@ -114,7 +114,7 @@ pub struct TetherTable {
     /// Radius, mm. Default 1.
     #[serde(default = "radius_mm")]
     pub radius_mm: Positive,
-    /// Length of a link of the chain it is made of, mm. Default 10.
+    /// Length of a link of the chain it is made of, mm. Default 20.
     #[serde(default = "link_mm")]
     pub link_mm: Positive,
     /// Density, kg/m³. Default 1200.
@@ -130,7 +130,7 @@ fn radius_mm() -> Positive {
 }
 
 fn link_mm() -> Positive {
-    Positive(10.0)
+    Positive(20.0)
 }
 
 fn density_kg_m3() -> Positive {

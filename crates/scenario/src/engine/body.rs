@@ -76,8 +76,8 @@ pub enum Obstacle {
 
 /// Friction of rigid things. A polished capsule on wet plastic or mucosa, (B).
 const OBSTACLE_FRICTION: f64 = 0.1;
-/// Solver iterations where bodies are joined [T: the joints of a held tether of five links come apart by 0.05 mm under a strong wave].
-const ITERATIONS_JOINED: usize = 16;
+/// Solver iterations where bodies are joined [T: the joints of a held tether of five links come apart by 0.2 mm under a strong wave].
+const ITERATIONS_JOINED: usize = 8;
 
 /// The capsule and what is loose beside it, in the rapier world in which they meet each other and what stands still.
 pub(crate) struct Bodies {
