@@ -17,7 +17,7 @@
 //! remainder of mean `(1 - r)/f`, so that every place sees contractions at the published frequency `f`; in the colon, where contractions come in
 //! bursts, during one. In the small bowel the tissue itself
 //! is refractory ([`tissue`](self)), the cells are Poisson processes, and an event is kept with the probability that the migrating motor
-//! complex ([MMC](complex)) gives its phase at that place and time; the phase travels aborally with the MMC front.
+//! complex (MMC, [`complex`](self)) gives its phase at that place and time; the phase travels aborally with the MMC front.
 //!
 //! The draws of event `n` of a cell come from the stream (cell's name, `n`) of [`RandomStreams`] alone. The waves are thus a
 //! pure function of seed and time: no step size, no order of asking and no pause changes them, and memory is constant.

@@ -210,13 +210,13 @@ impl Default for MmcConfig {
 pub struct OesophagusConfig {
     /// When the capsule is swallowed, s. Default 0.
     pub swallow_time_s: NonNegative,
-    /// Further swallows and secondary waves, 1/s. Default 0.24: one in 4.2 s [T to 23.6 s supine].
+    /// Further swallows and secondary waves, 1/s. Default 0.23: one in 4.3 s [T to 23.6 s supine].
     pub further_rate_hz: NonNegative,
     /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) (S).
     pub speed_m_s: Positive,
     /// Amplitude. Default 0.40 [T to 23.6 s supine, with its spread: many a wave slides over a capsule that lies on its side].
     pub amplitude: Fraction,
-    /// A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default 0.9 (T).
+    /// A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default 1.0 (T).
     pub amplitude_spread: Fraction,
     /// Width, m. Default 0.018 (B).
     pub width_m: Positive,
@@ -226,10 +226,10 @@ impl Default for OesophagusConfig {
     fn default() -> Self {
         Self {
             swallow_time_s: NonNegative(0.0),
-            further_rate_hz: NonNegative(0.24),
+            further_rate_hz: NonNegative(0.23),
             speed_m_s: Positive(0.031),
             amplitude: Fraction(0.40),
-            amplitude_spread: Fraction(0.9),
+            amplitude_spread: Fraction(1.0),
             width_m: Positive(0.018),
         }
     }

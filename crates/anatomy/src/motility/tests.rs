@@ -228,6 +228,7 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
         ("[motility.oesophagus]\namplitude = 0.99", "scenario.toml:2:13:"),
         ("[motility.oesophagus]\nspeed_m_s = 1e6", "scenario.toml:2:13:"),
         ("[motility.mmc]\nperiod_s = 1e-9", "scenario.toml:2:12:"),
+        ("[motility.mmc]\nperiod_spread = 0.99", "scenario.toml:2:17:"),
         ("[motility.mmc]\nfractions = [0.5, 0.1, 0.1]", "scenario.toml:2:13:"),
         (
             "[[motility.wave]]\nstart_time_s = 1e12",

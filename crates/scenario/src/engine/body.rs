@@ -1,15 +1,15 @@
 //! The capsule as a rigid body, and the border between nalgebra and rapier's math types.
 //!
 //! Weight, buoyancy, drag and the wall come in one implicit solve ([`super::wall`]) whose velocities this body is given;
-//! rapier steps it: it solves the contacts with rigid obstacles (plates, polyps), adds the gyroscopic torque and integrates the
-//! pose. The pose lives in rapier's body alone and is not written back between steps.
+//! rapier moves it: it solves the contacts with rigid obstacles (plates, polyps), adds the gyroscopic torque and integrates the
+//! pose, which lives in rapier's body alone.
 //!
 //! Without anything rigid or loose beside it there is nothing to solve: the capsule carries its mass without a collider, and a step is rapier's
 //! gyroscopic torque and its integration of a pose, without its pipeline, which took a third of the engine's time. With the first obstacle the
 //! capsule gets its collider and is stepped by the pipeline.
 //!
 //! `length_unit` is 0.01: contact tolerances are then fractions of a centimetre, and rapier's hidden limit of speed
-//! (400 length units per second) is 4 m/s, far above anything here. Warm starting and the recycling of contacts are off: they
+//! (400 length units per second; its pipeline's, so only among obstacles) is 4 m/s, far above anything here. Warm starting and the recycling of contacts are off: they
 //! remember earlier steps, and a snapshot could not.
 
 use super::system::Twist;
