@@ -4,11 +4,15 @@ use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::{MotilityConfig, WaveConfig};
 use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::{End, SegmentPoints, Tract, TractDraft};
+use lumenav_anatomy::tract_file::{self, TractOptions};
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{CapsuleBody, ConfigError, Node, RandomStreams, SimTime};
-use lumenav_scenario::engine::{Engine, EngineConfig, EngineError, Loose, Tether, ends_of};
+use lumenav_scenario::engine::{
+    Engine, EngineConfig, EngineError, Loose, Tether, ends_of, fuzz_inside_lumen,
+};
 use lumenav_scenario::loose::LooseTable;
 use nalgebra::{Isometry3, Point3, Vector3};
+use rand::Rng as _;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -210,6 +214,79 @@ fn law_what_has_left_is_in_nobodys_way() {
     assert!(s_m >= 0.4 - 1e-9 && pose.translation.z > 0.4 && pose.translation.z < 0.41, "{pose}");
 }
 
+/// The folded jejunum of a shipped gut with phase III all along it.
+fn folded() -> Engine {
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/tracts/whole-gut-average-man.toml");
+    let options = TractOptions { segments: vec![SegmentKey::Jejunum], length_scale: 1.0, radius_scale: 1.0 };
+    let tract = Arc::new(tract_file::load(&Node::open(&model).unwrap(), &options).unwrap().0);
+    let mut motility = MotilityConfig::default();
+    motility.mmc.rate_factor = [Fraction(1.0); 3];
+    let motility = Motility::new(&motility, &tract, &RandomStreams::new(1, 0, "motility")).unwrap();
+    let config = EngineConfig {
+        start_arc_length_m: NonNegative(0.25),
+        settle_s: NonNegative(0.0),
+        ..EngineConfig::default()
+    };
+    Engine::new(config, tract, motility, CAPSULE).unwrap()
+}
+
+/// How far the centres come beyond where they lie against the resting wall, m, within so many seconds: of the capsule, of all others.
+fn excess_m(engine: &mut Engine, seconds: u32) -> [f64; 2] {
+    let tract = engine.tract().clone();
+    // On the inner side of a bend that is tighter than the lumen is wide the nearest place of the lumen is not the nearest foot.
+    let beyond_m = |centre: &Point3<f64>, s_m: f64, radius_m: f64| {
+        let beyond = |k: i32| {
+            let s_m = (s_m + 5e-4 * f64::from(k)).clamp(0.0, tract.length_m());
+            let distance_m = (centre - tract.centre_line.station(s_m).position_m).norm();
+            distance_m - (tract.radius.radius_m(s_m) - radius_m).max(0.0)
+        };
+        (-40..=40).map(beyond).fold(f64::INFINITY, f64::min)
+    };
+    let mut worst_m = [0.0_f64; 2];
+    for k in 1..=10 * seconds {
+        engine.advance_to(SimTime::from_seconds(0.1 * f64::from(k)));
+        let state = engine.state();
+        let centre = Point3::from(state.world_from_capsule.translation.vector);
+        worst_m[0] = worst_m[0].max(beyond_m(&centre, state.arc_length_m, CAPSULE.radius_m));
+        for (shape, pose, s_m) in engine.loose() {
+            let centre = Point3::from(pose.translation.vector);
+            worst_m[1] = worst_m[1].max(beyond_m(&centre, s_m, shape.radius_m));
+            let b = beyond_m(&centre, s_m, shape.radius_m);
+            if b > 0.0025 {
+                println!(
+                    "DBG {k} s {s_m:.4} beyond {:.2} mm; curvature radius {:.1} mm; lumen {:.1}; capsule {:.4}",
+                    1e3 * b,
+                    1e3 / tract.centre_line.station(s_m).curvature_per_m,
+                    1e3 * tract.radius.radius_m(s_m),
+                    state.arc_length_m
+                );
+            }
+        }
+    }
+    worst_m
+}
+
+#[test]
+fn law_nothing_loose_leaves_the_lumen() {
+    // 3 mm is the engine's own tolerance.
+    let mut engine = folded();
+    engine.insert_loose(&ball(0.004, 0.30)).unwrap();
+    engine.insert_loose(&ball(0.003, 0.33)).unwrap();
+    engine.insert_loose(&Loose { shape: CAPSULE, arc_length_m: 0.37 }).unwrap();
+    let loose = excess_m(&mut engine, 240);
+    println!("loose {loose:?}");
+    assert!(loose.iter().all(|excess_m| *excess_m < 0.003), "{loose:?}");
+}
+
+#[test]
+fn law_a_taut_tether_stays_in_the_lumen() {
+    let mut engine = folded();
+    engine.attach_tether(&Tether { length_m: 0.2, link_m: 0.02, ..TETHER }).unwrap();
+    let tethered = excess_m(&mut engine, 240);
+    println!("tethered {tethered:?} at {}", engine.state().arc_length_m);
+    assert!(tethered.iter().all(|excess_m| *excess_m < 0.003), "{tethered:?}");
+}
+
 fn place(text: &str) -> Result<Loose, ConfigError> {
     let text = format!("[[tract.loose]]\n{text}");
     let node = Node::parse_text(&text, "scenario.toml", Path::new(""), &[]).unwrap();
@@ -260,4 +337,58 @@ fn law_impossible_bodies_are_refused() {
         assert!(matches!(engine.attach_tether(&tether), Err(EngineError::OutOfRange { .. })), "{tether:?}");
     }
     assert_eq!(engine.loose().count(), 0);
+}
+
+/// Of a seed: some residue of any size, now and then a second capsule and a tether, in the shipped gut of an average man.
+fn crowded(seed: u64, start_m: f64, tract: &Arc<Tract>) -> Result<Engine, EngineError> {
+    let drawn = |which: u64| {
+        let bits = RandomStreams::new(seed, which, "crowd").stream("number", 0).next_u64() >> 11;
+        bits as f64 / (1_u64 << 53) as f64
+    };
+    let streams = RandomStreams::new(seed, 0, "motility");
+    let mut motility = MotilityConfig::default();
+    motility.mmc.rate_factor = [Fraction(1.0); 3];
+    let motility = Motility::new(&motility, tract, &streams).unwrap();
+    let config = EngineConfig {
+        start_arc_length_m: NonNegative(start_m),
+        settle_s: NonNegative(0.0),
+        ..EngineConfig::default()
+    };
+    let mut engine = Engine::new(config, tract.clone(), motility, CAPSULE)?;
+    let mut place_m = start_m + 0.03;
+    for k in 0..3 {
+        let radius_m = 0.001 + 0.006 * drawn(k);
+        place_m += radius_m + 0.01 * drawn(10 + k);
+        if place_m < tract.length_m() {
+            engine.insert_loose(&ball(radius_m, place_m))?;
+        }
+        place_m += radius_m;
+    }
+    if drawn(20) < 0.5 && place_m + 0.02 < tract.length_m() {
+        engine.insert_loose(&Loose { shape: CAPSULE, arc_length_m: place_m + 0.015 })?;
+    }
+    if drawn(21) < 0.5 && start_m > 0.2 {
+        let length_m = 0.05 + 0.1 * drawn(22);
+        engine.attach_tether(&Tether { length_m, held: drawn(23) < 0.5, ..TETHER })?;
+    }
+    Ok(engine)
+}
+
+#[test]
+fn law_what_is_loose_stays_in_the_lumen_of_a_whole_gut() {
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/tracts/whole-gut-average-man.toml");
+    let options = TractOptions { segments: vec![], length_scale: 1.0, radius_scale: 1.0 };
+    let tract = Arc::new(tract_file::load(&Node::open(&model).unwrap(), &options).unwrap().0);
+    let (runs, seconds) =
+        if std::env::var("LUMENAV_FULL").is_ok_and(|v| v == "1") { (60, 300.0) } else { (6, 10.0) };
+    for seed in 0..runs {
+        let build = |seed, start_m| crowded(seed, start_m, &tract);
+        let report = fuzz_inside_lumen(seed..seed + 1, seconds, &tract, &CAPSULE, build).unwrap();
+        println!(
+            "{seed}: {:.3} {:.3} {}",
+            1e3 * report.worst_excess_m,
+            1e3 * report.worst_loose_m,
+            report.not_finite
+        );
+    }
 }

@@ -17,7 +17,8 @@ use lumenav_core::CapsuleBody;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::math::{Pose, Rotation, Vector};
 use rapier3d::prelude::{
-    ColliderBuilder, MassProperties, PhysicsWorld, RigidBodyBuilder, RigidBodyHandle, SphericalJointBuilder,
+    ColliderBuilder, Group, InteractionGroups, InteractionTestMode, MassProperties, PhysicsWorld,
+    RigidBodyBuilder, RigidBodyHandle,
 };
 use std::f64::consts::PI;
 
@@ -75,9 +76,13 @@ pub enum Obstacle {
 }
 
 /// Friction of rigid things. A polished capsule on wet plastic or mucosa, (B).
-const OBSTACLE_FRICTION: f64 = 0.1;
-/// Solver iterations where bodies are joined [T: the joints of a held tether of five links come apart by 0.2 mm under a strong wave].
-const ITERATIONS_JOINED: usize = 8;
+pub(super) const OBSTACLE_FRICTION: f64 = 0.1;
+
+/// Rapier sees to what stands still; bodies meet each other in [`super::together`].
+const MOVED: InteractionGroups =
+    InteractionGroups::new(Group::GROUP_1, Group::GROUP_2, InteractionTestMode::And);
+const FIXED: InteractionGroups =
+    InteractionGroups::new(Group::GROUP_2, Group::GROUP_1, InteractionTestMode::And);
 
 /// The capsule and what is loose beside it, in the rapier world in which they meet each other and what stands still.
 pub(crate) struct Bodies {
@@ -115,20 +120,18 @@ impl Bodies {
             .pose(to_rapier(pose))
             .additional_mass_properties(MassProperties::new(Vector::ZERO, inertia.mass_kg, moments))
             .can_sleep(false);
-        let was_alone = self.is_alone();
         let handle = self.world.insert_body(body);
         // Otherwise the pipeline's first step would, and a body that meets nothing never takes one.
         self.world.bodies[handle].recompute_mass_properties_from_colliders(&self.world.colliders);
         self.all.push(Body { handle, shape: *shape });
-        if self.all.len() > 1 {
-            let first = if was_alone { 0 } else { self.all.len() - 1 };
-            self.give_colliders(first);
+        if self.obstacles > 0 {
+            self.give_colliders(self.all.len() - 1);
         }
     }
 
     /// Adds something that stands still.
     pub(crate) fn insert(&mut self, obstacle: &Obstacle) {
-        if self.is_alone() {
+        if self.obstacles == 0 {
             self.give_colliders(0);
         }
         let (collider, pose) = match obstacle {
@@ -140,26 +143,10 @@ impl Bodies {
                 Isometry3::from_parts(Translation3::from(centre_torso_m.coords), UnitQuaternion::identity()),
             ),
         };
-        self.world.insert_collider(collider.position(to_rapier(&pose)).friction(OBSTACLE_FRICTION), None);
+        let collider =
+            collider.position(to_rapier(&pose)).friction(OBSTACLE_FRICTION).collision_groups(FIXED);
+        self.world.insert_collider(collider, None);
         self.obstacles += 1;
-    }
-
-    /// Joins a place of one body (m, in its frame) to a place of another, so that both may turn about it; they do not collide.
-    pub(crate) fn join(&mut self, [one, other]: [(usize, Point3<f64>); 2]) {
-        let joint = SphericalJointBuilder::new()
-            .local_anchor1(to_vector(&one.1.coords))
-            .local_anchor2(to_vector(&other.1.coords))
-            .contacts_enabled(false);
-        self.world.insert_impulse_joint(self.all[one.0].handle, self.all[other.0].handle, joint);
-        self.world.integration_parameters.num_solver_iterations = ITERATIONS_JOINED;
-    }
-
-    /// Holds a place of a body (m, in its frame) where it is.
-    pub(crate) fn hold(&mut self, index: usize, place: Point3<f64>) {
-        let held_m = self.pose(index) * place;
-        let fixed = self.world.insert_body(RigidBodyBuilder::fixed().translation(to_vector(&held_m.coords)));
-        let joint = SphericalJointBuilder::new().local_anchor2(to_vector(&place.coords));
-        self.world.insert_impulse_joint(fixed, self.all[index].handle, joint);
     }
 
     /// Whether others meet a body; one that is not present stays where it is.
@@ -170,16 +157,12 @@ impl Bodies {
         }
     }
 
-    /// Whether there is one body that can meet nothing.
-    fn is_alone(&self) -> bool {
-        self.obstacles == 0 && self.all.len() <= 1
-    }
-
     /// Gives the bodies from this one on their colliders.
     fn give_colliders(&mut self, first: usize) {
         for body in &self.all[first..] {
             // They have their masses already.
             let collider = collider_of(&body.shape).density(0.0).friction(OBSTACLE_FRICTION);
+            let collider = collider.collision_groups(MOVED);
             self.world.insert_collider(collider, Some(body.handle));
         }
     }
@@ -211,10 +194,10 @@ impl Bodies {
 
     /// One step with the present velocities.
     pub(crate) fn step(&mut self) {
-        if self.is_alone() {
-            self.coast();
-        } else {
+        if self.obstacles > 0 {
             self.world.step();
+        } else {
+            self.coast();
         }
     }
 
@@ -223,6 +206,9 @@ impl Bodies {
         let step_s = self.world.integration_parameters.dt;
         for body in &self.all {
             let body = &mut self.world.bodies[body.handle];
+            if !body.is_enabled() {
+                continue;
+            }
             body.set_angvel(body.angvel_with_gyroscopic_forces(step_s), false);
             let mut pose = body.vels().integrate(step_s, body.position(), &body.local_center_of_mass());
             pose.rotation = pose.rotation.normalize();

@@ -12,6 +12,7 @@
 //! Neglected: that residue gives way, sticks and dissolves (a ball rolls); the tether's bending stiffness; the lumen's wall between two bodies on either side of a fold.
 
 use super::mover::Mover;
+use super::together::{Joint, Tie};
 use super::{CAPSULE, Engine, EngineError};
 use lumenav_core::CapsuleBody;
 use lumenav_core::pose::attitude_from_axis;
@@ -115,11 +116,13 @@ impl Engine {
             };
             template.get_or_insert_with(|| mover.clone());
             let index = self.add(mover, &pose);
-            self.bodies.join([joint, (index, Point3::new(half_m, 0.0, 0.0))]);
+            let to = Tie::Body(joint.0, joint.1);
+            self.together.join(Joint { body: index, place: Point3::new(half_m, 0.0, 0.0), to });
             (joint, end_m) = ((index, Point3::new(-half_m, 0.0, 0.0)), next_m);
         }
         if tether.held {
-            self.bodies.hold(joint.0, joint.1);
+            let (body, place) = joint;
+            self.together.join(Joint { body, place, to: Tie::Gut(end_m) });
         }
         let _ = write!(self.loose, "{tether:?}");
         Ok(())

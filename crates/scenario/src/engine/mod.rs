@@ -35,6 +35,7 @@
 mod bends;
 mod body;
 mod config;
+mod coupled;
 mod events;
 mod felt;
 mod foot;
@@ -46,6 +47,7 @@ mod sleep;
 mod snapshot;
 mod sources;
 mod system;
+mod together;
 mod valve;
 mod wall;
 
@@ -73,6 +75,7 @@ use sleep::Sleep;
 use std::f64::consts::PI;
 use std::sync::Arc;
 use system::{System, Twist};
+use together::Together;
 use valve::Valve;
 use wall::{Cap, Placement, Reaction};
 
@@ -181,6 +184,7 @@ pub struct Engine {
     bodies: Bodies,
     /// The capsule first, then what is loose; in the order of their bodies.
     movers: Vec<Mover>,
+    together: Together,
     /// What was put in beside the capsule, in words: part of the fingerprint.
     loose: String,
     caps: [Option<Cap>; 2],
@@ -229,6 +233,7 @@ impl Engine {
             lumen: Lumen::new(tract.clone(), motility),
             bodies,
             movers: vec![mover],
+            together: Together::default(),
             loose: String::new(),
             caps: caps(&tract),
             gravity_world_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
@@ -344,19 +349,20 @@ impl Engine {
     fn step_at(&mut self, time_s: f64, clock_s: f64) {
         let before = self.bodies.twist(CAPSULE);
         let wrench = self.wrench_gut(time_s);
-        let reaction = self.push(CAPSULE, time_s, clock_s, &wrench);
+        self.meet_wall(CAPSULE, time_s, clock_s, &wrench);
         for index in CAPSULE + 1..self.movers.len() {
             if !self.movers[index].left {
-                self.push(index, time_s, clock_s, &NO_WRENCH);
+                self.meet_wall(index, time_s, clock_s, &NO_WRENCH);
             }
         }
+        let reaction = if self.movers.len() == 1 { self.solve_alone() } else { self.solve_together() };
         self.bodies.step();
         self.take_state(&before, &reaction, time_s + clock_s);
         self.follow_loose();
     }
 
-    /// Gives a mover the velocities that weight, drag, wrench and wall leave it at the end of the step.
-    fn push(&mut self, index: usize, time_s: f64, clock_s: f64, wrench: &[Vector3<f64>; 2]) -> Reaction {
+    /// Finds what a mover feels in this step: weight, drag, wrench, and where the wall touches it.
+    fn meet_wall(&mut self, index: usize, time_s: f64, clock_s: f64, wrench: &[Vector3<f64>; 2]) {
         let (twist, pose) = (self.bodies.twist(index), self.bodies.pose(index));
         let axis = pose.rotation * Vector3::x();
         let mover = &self.movers[index];
@@ -371,10 +377,27 @@ impl Engine {
             free_way_m: (twist.linear + force * (self.step_s / mover.inertia.mass_kg)) * self.step_s,
         };
         let friction = self.find_contacts(index, &placement);
-        let contacts = &mut self.movers[index].contacts;
-        let reaction = contacts.solve(&system, &twist, friction, &self.config, self.step_s);
-        self.bodies.set_twist(index, &reaction.twist);
+        let mover = &mut self.movers[index];
+        (mover.pose, mover.twist, mover.system, mover.friction) = (pose, twist, system, friction);
+    }
+
+    /// Gives the capsule its velocities at the end of the step.
+    fn solve_alone(&mut self) -> Reaction {
+        let Mover { contacts, system, twist, friction, .. } = &mut self.movers[CAPSULE];
+        let reaction = contacts.solve(system, twist, *friction, &self.config, self.step_s);
+        self.bodies.set_twist(CAPSULE, &reaction.twist);
         reaction
+    }
+
+    /// Gives all their velocities at the end of the step; returns what the wall does to the capsule.
+    fn solve_together(&mut self) -> Reaction {
+        let twists = self.together.solve(&mut self.movers, &self.config, self.step_s);
+        for (index, twist) in twists.iter().enumerate() {
+            if !self.movers[index].left {
+                self.bodies.set_twist(index, twist);
+            }
+        }
+        self.movers[CAPSULE].contacts.reaction(twists[CAPSULE])
     }
 
     fn find_contacts(&mut self, index: usize, placement: &Placement) -> f64 {

@@ -1,14 +1,14 @@
-//! What is moved: the capsule, and what is loose in the tract beside it. Each meets the wall by itself; each other they meet in rapier
-//! ([`super::body`]).
+//! What is moved: the capsule, and what is loose in the tract beside it. Each meets the wall ([`super::wall`]) and the others
+//! ([`super::together`]).
 
 use super::body::Inertia;
-use super::system::Twist;
+use super::system::{System, Twist};
 use super::valve::Valve;
 use super::wall::{Rings, WallContacts};
 use lumenav_anatomy::centre_line::Station;
 use lumenav_anatomy::tract::Tract;
 use lumenav_core::CapsuleBody;
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 
 /// How fast the centre's projection may move: this factor of its speed (on the inner side of a bend the projection is faster), and
 /// this much more, m/s, to catch up.
@@ -28,6 +28,12 @@ pub(super) struct Mover {
     pub(super) valve: Option<Valve>,
     /// It has left the tract, and rests where it left.
     pub(super) left: bool,
+    /// Of the present step: where it begins, and all that it feels but wall and others.
+    pub(super) pose: Isometry3<f64>,
+    pub(super) twist: Twist,
+    pub(super) system: System,
+    /// Friction of the wall where it is.
+    pub(super) friction: f64,
 }
 
 impl Mover {
@@ -42,6 +48,10 @@ impl Mover {
             station,
             offset_m: 0.0,
             left: false,
+            pose: Isometry3::identity(),
+            twist: Twist::REST,
+            system: System::default(),
+            friction: 0.0,
         }
     }
 
@@ -49,6 +59,17 @@ impl Mover {
     pub(super) fn at(&self, station: Station, tract: &Tract) -> Self {
         let segment_index = tract.segment_index_at(station.arc_length_m);
         Self { station, segment_index, offset_m: 0.0, ..self.clone() }
+    }
+
+    /// The ends of its cylinder's axis in the present step, gut frame, m.
+    pub(super) fn axis_m(&self) -> [Point3<f64>; 2] {
+        let half_m = 0.5 * self.shape.length_m - self.shape.radius_m;
+        [-half_m, half_m].map(|x| self.pose * Point3::new(x, 0.0, 0.0))
+    }
+
+    /// Speed that no point of its axis exceeds, m/s.
+    pub(super) fn fastest_m_s(&self) -> f64 {
+        self.twist.linear.norm() + 0.5 * self.shape.length_m * self.twist.angular.norm()
     }
 
     /// Takes on where the centre is, as far as its projection can have moved in a step, and in which segment.

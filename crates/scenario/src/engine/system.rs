@@ -7,7 +7,7 @@
 //! `j` is the row that takes `u` to the velocity of a point at lever `r` along the direction `e`. The matrix is symmetric and
 //! positive definite as long as every γ is 0 or above, whatever the stiffness: that is what makes the step stable.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// Linear and angular velocity in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +16,11 @@ pub(crate) struct Twist {
     pub(crate) linear: Vector3<f64>,
     /// rad/s.
     pub(crate) angular: Vector3<f64>,
+}
+
+impl Twist {
+    pub(crate) const REST: Self =
+        Self { linear: Vector3::new(0.0, 0.0, 0.0), angular: Vector3::new(0.0, 0.0, 0.0) };
 }
 
 /// A row that takes the twist to one velocity.
@@ -29,6 +34,10 @@ impl Row {
         Self([direction.x, direction.y, direction.z, t.x, t.y, t.z])
     }
 
+    pub(crate) fn vector(&self) -> Vector6<f64> {
+        Vector6::from(self.0)
+    }
+
     #[inline]
     pub(crate) fn velocity(&self, twist: &Twist) -> f64 {
         let [a, b, c, d, e, f] = self.0;
@@ -38,7 +47,7 @@ impl Row {
 }
 
 /// Lower triangle and right-hand side.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct System {
     a: [[f64; 6]; 6],
     b: [f64; 6],
@@ -96,6 +105,11 @@ impl System {
         }
     }
 
+    /// The whole matrix and the right-hand side.
+    pub(crate) fn whole(&self) -> (Matrix6<f64>, Vector6<f64>) {
+        (Matrix6::from_fn(|i, k| self.a[i.max(k)][i.min(k)]), Vector6::from(self.b))
+    }
+
     /// The new velocities (LDLᵀ without pivots, which a positive definite matrix does not need).
     #[inline]
     pub(crate) fn solve(mut self) -> Twist {
@@ -137,7 +151,6 @@ impl System {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix6, Vector6};
 
     #[test]
     fn cross_solve_equals_nalgebra_lu() {
@@ -151,8 +164,8 @@ mod tests {
             system.add_row(&row, 0.01 + 0.1 * t, 1e-3 * t);
         }
         system.add_damping(1e-3, 1e-9);
-        let full = Matrix6::from_fn(|i, k| system.a[i.max(k)][i.min(k)]);
-        let expected = full.lu().solve(&Vector6::from(system.b)).unwrap();
+        let (full, right) = system.whole();
+        let expected = full.lu().solve(&right).unwrap();
         let got = system.solve();
         let got = [got.linear, got.angular].map(|v| [v.x, v.y, v.z]).concat();
         for i in 0..6 {

@@ -182,7 +182,7 @@ pub(crate) struct WallContacts {
 }
 
 impl WallContacts {
-    /// For a body with these rings in `tract`; `surface`: its surface over the capsule's, to which F0 and c_v belong.
+    /// For a body with these rings in `tract`; `surface`: its surface over the capsule's, to which stiffness, damping, F0 and c_v belong.
     pub(crate) fn new(rings: Rings, tract: &Tract, surface: f64) -> Self {
         let bends = Bends::of(tract, &rings);
         Self { rings, surface, bends, contacts: Vec::with_capacity(MOST_CONTACTS), feet_m: [0.0; RINGS] }
@@ -303,8 +303,12 @@ impl WallContacts {
                 wall_along_m_s: sample.d_dt_m_s * sample.d_ds * steepness,
                 stiffness_n_m: 0.5
                     * wall.stiffness_newton_per_m
-                    * (1.0 + config.contraction_stiffening.0 * sample.closed),
-                damping_n_s_m: 0.5 * wall.damping_newton_s_per_m * (penetration_m / DAMPING_ONSET_M).min(1.0),
+                    * (1.0 + config.contraction_stiffening.0 * sample.closed)
+                    * self.surface,
+                damping_n_s_m: 0.5
+                    * wall.damping_newton_s_per_m
+                    * (penetration_m / DAMPING_ONSET_M).min(1.0)
+                    * self.surface,
                 viscous_n_s_m: 0.0,
                 adhesion_n: 0.0,
                 ring,
@@ -458,27 +462,42 @@ impl WallContacts {
         if self.contacts.is_empty() {
             return Reaction { twist: system.solve(), force_world_n: Vector3::zeros(), touching: 0 };
         }
-        for contact in &mut self.contacts {
-            contact.update(&new, friction, config, step_s);
-        }
+        self.update(&new, friction, config, step_s);
         for _ in 0..MOST_ITERATIONS {
             let mut filled = *system;
-            for contact in &self.contacts {
-                contact.add_to(&mut filled, step_s);
-            }
+            self.add_to(&mut filled, step_s);
             new = filled.solve();
-            let mut settled = true;
-            for contact in &mut self.contacts {
-                settled &= contact.update(&new, friction, config, step_s);
-            }
-            if settled {
+            if self.update(&new, friction, config, step_s) {
                 break;
             }
         }
         self.reaction(new)
     }
 
-    fn reaction(&self, twist: Twist) -> Reaction {
+    /// Takes the forces from `twist`; whether they stayed what the last solve used.
+    pub(crate) fn update(
+        &mut self,
+        twist: &Twist,
+        friction: f64,
+        config: &EngineConfig,
+        step_s: f64,
+    ) -> bool {
+        let mut settled = true;
+        for contact in &mut self.contacts {
+            settled &= contact.update(twist, friction, config, step_s);
+        }
+        settled
+    }
+
+    /// Adds what the wall does to a body's system.
+    pub(crate) fn add_to(&self, system: &mut System, step_s: f64) {
+        for contact in &self.contacts {
+            contact.add_to(system, step_s);
+        }
+    }
+
+    /// What the wall does at these velocities.
+    pub(crate) fn reaction(&self, twist: Twist) -> Reaction {
         let mut force_world_n = Vector3::zeros();
         let mut touched = [false; RINGS + 1];
         for contact in &self.contacts {

@@ -15,12 +15,25 @@ fn full() -> bool {
     std::env::var("LUMENAV_FULL").is_ok_and(|v| v == "1")
 }
 
+/// The engine of a seed with the capsule at an arc length.
+fn fuzzed(
+    tract: &Arc<Tract>,
+    motility: &MotilityConfig,
+    config: &EngineConfig,
+) -> impl Fn(u64, f64) -> Result<Engine, EngineError> {
+    let (tract, motility, config) = (tract.clone(), motility.clone(), config.clone());
+    move |seed, start_m| {
+        let streams = RandomStreams::new(seed, 0, "motility");
+        let config = EngineConfig { start_arc_length_m: NonNegative(start_m), ..config.clone() };
+        Engine::new(config, tract.clone(), Motility::new(&motility, &tract, &streams).unwrap(), CAPSULE)
+    }
+}
+
 fn stays_inside(test: &str, tract: &Arc<Tract>, runs: u64, short_s: f64) {
     let duration_s = if full() { 60.0 } else { short_s };
     let busy = frantic();
-    let make = |streams: &RandomStreams| Motility::new(&busy, tract, streams).unwrap();
-    let config = EngineConfig::default();
-    let report = fuzz_inside_lumen(0..runs, duration_s, &config, tract, CAPSULE, make).unwrap();
+    let build = fuzzed(tract, &busy, &EngineConfig::default());
+    let report = fuzz_inside_lumen(0..runs, duration_s, tract, &CAPSULE, build).unwrap();
     println!(
         "figure: {test}: {} runs of {duration_s} s, {} steps, worst excess {:.3} mm (seed {}, {:.3} m, {:.2} s), fastest {:.1} mm/s, \
          {} not finite",
@@ -41,10 +54,10 @@ fn stays_inside(test: &str, tract: &Arc<Tract>, runs: u64, short_s: f64) {
 fn law_a_capsule_in_a_whole_gut_stays_inside_and_its_stalls_are_told() {
     let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/tracts");
     let tract = tract_of(&models.join("whole-gut-average-man.toml"), &[]);
-    let make = |streams: &RandomStreams| Motility::new(&MotilityConfig::default(), &tract, streams).unwrap();
     // Stalls within the half minute that this lasts.
     let config = EngineConfig { stalled_after_s: Positive(10.0), ..EngineConfig::default() };
-    let report = fuzz_inside_lumen(0..24, 30.0, &config, &tract, CAPSULE, make).unwrap();
+    let build = fuzzed(&tract, &MotilityConfig::default(), &config);
+    let report = fuzz_inside_lumen(0..24, 30.0, &tract, &CAPSULE, build).unwrap();
     assert!(report.inside() && report.untold_stalls == 0, "{report:?}");
     assert!(report.stalls > 3, "{report:?}");
 }

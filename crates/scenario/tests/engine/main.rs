@@ -10,7 +10,9 @@ use lumenav_anatomy::tract_file::{TractOptions, load};
 use lumenav_core::config::Node;
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{CapsuleBody, RandomStreams, SimTime};
-use lumenav_scenario::engine::{Engine, EngineConfig, EventKind, Obstacle, TOLERANCE_M, fuzz_inside_lumen};
+use lumenav_scenario::engine::{
+    Engine, EngineConfig, EngineError, EventKind, Obstacle, TOLERANCE_M, fuzz_inside_lumen,
+};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::path::Path;
 use std::sync::Arc;
