@@ -36,7 +36,7 @@ use crate::motility_config::MotilityConfig;
 use crate::pylorus::Gate;
 use crate::tract::Tract;
 use cell::{Cell, site_cells};
-pub(crate) use cell::{Origins, Site};
+pub(crate) use cell::{Growth, Origins, Site};
 use complex::MotorComplex;
 use fault::{FaultConfig, Impairment};
 use lumenav_core::{RandomStream, RandomStreams};

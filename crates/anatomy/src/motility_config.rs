@@ -5,7 +5,7 @@
 use crate::error::AnatomyError;
 use crate::motility::fault::{FaultConfig, Organ};
 use crate::motility::meal::MealConfig;
-use crate::motility::{RAMP_FRACTION, Site, Wave};
+use crate::motility::{Growth, RAMP_FRACTION, Site, Wave};
 use crate::motility_limits::{LARGEST_AMPLITUDE, check_wave, in_range, positive};
 use crate::segment::SegmentKey;
 use crate::tract::Tract;
@@ -210,13 +210,16 @@ impl Default for MmcConfig {
 pub struct OesophagusConfig {
     /// When the capsule is swallowed, s. Default 0.
     pub swallow_time_s: NonNegative,
-    /// Further swallows and secondary waves, 1/s. Default 0.23: one in 4.3 s [T to 23.6 s supine].
+    /// Further swallows and secondary waves, 1/s. Default 0.2: one in 5 s [T to 23.6 s supine, together with the next three].
     pub further_rate_hz: NonNegative,
+    /// How much stronger they are for each second since the swallow, 1/s, up to twice as strong: what stays makes the oesophagus contract
+    /// harder (S). Default 0.02 (T).
+    pub further_growth_per_s: NonNegative,
     /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) (S).
     pub speed_m_s: Positive,
-    /// Amplitude. Default 0.40 [T to 23.6 s supine, with its spread: many a wave slides over a capsule that lies on its side].
+    /// Amplitude. Default 0.36 [T: many a wave slides over a capsule that lies on its side].
     pub amplitude: Fraction,
-    /// A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default 1.0 (T).
+    /// A wave's amplitude is drawn evenly from 1 less to 1 more this, times the usual. Default 0.6 (T).
     pub amplitude_spread: Fraction,
     /// Width, m. Default 0.018 (B).
     pub width_m: Positive,
@@ -226,10 +229,11 @@ impl Default for OesophagusConfig {
     fn default() -> Self {
         Self {
             swallow_time_s: NonNegative(0.0),
-            further_rate_hz: NonNegative(0.23),
+            further_rate_hz: NonNegative(0.2),
+            further_growth_per_s: NonNegative(0.02),
             speed_m_s: Positive(0.031),
-            amplitude: Fraction(0.40),
-            amplitude_spread: Fraction(1.0),
+            amplitude: Fraction(0.36),
+            amplitude_spread: Fraction(0.6),
             width_m: Positive(0.018),
         }
     }
@@ -267,6 +271,7 @@ impl OesophagusConfig {
         Some(Site {
             limits_m: [start_m, end_m],
             whole: true,
+            growth: Some(Growth { from_s: self.swallow_time_s.0, per_s: self.further_growth_per_s.0 }),
             ..Site::new(name, Organ::Oesophagus, [start_m; 2], rhythm)
         })
     }

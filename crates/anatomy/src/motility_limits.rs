@@ -155,6 +155,7 @@ impl MotilityConfig {
         let sum: f64 = self.mmc.fractions.iter().map(|fraction| fraction.0).sum();
         in_range("mmc.fractions (their sum)", sum, 0.999, 1.001)?;
         in_range("oesophagus.swallow_time_s", self.oesophagus.swallow_time_s.0, 0.0, LATEST_S)?;
+        in_range("oesophagus.further_growth_per_s", self.oesophagus.further_growth_per_s.0, 0.0, FASTEST_HZ)?;
         among("oesophagus.speed_m_s", self.oesophagus.speed_m_s.0, SPEEDS_M_S)?;
         in_range("oesophagus.amplitude", self.oesophagus.amplitude.0, 0.0, LARGEST_AMPLITUDE)?;
         among("oesophagus.width_m", self.oesophagus.width_m.0, WIDTHS_M)?;

@@ -10,7 +10,9 @@ but those that propel have 50 mmHg in the mean and are a third of all (doi:10.11
 const PACED: &str = "believed: slow waves pace it";
 const BELIEVED: &str = "believed";
 const SUPINE: &str =
-    "tuned, rate, amplitude and spread together: to 23.6 s supine (World J Gastroenterol 14:5707)";
+    "tuned, rate, growth, amplitude and spread together: to 23.6 s supine (World J Gastroenterol 14:5707)";
+const AUGMENTED: &str = "tuned, with rate, amplitude and spread, to 23.6 s supine; that the oesophagus answers to what distends it with stronger contraction and \
+secondary peristalsis: Gastroenterology 1977, 72:1292 (pmid:858473)";
 const TRANSIT: &str =
     "tuned to a small-bowel transit of 198 min (O'Grady et al., 71 people), with a look at the traction";
 const BOTH_WAYS: &str = "tuned, with runs and amplitude, to a small-bowel transit of 198 min (O'Grady et al., 71 people); in the duodenum beyond its first \
@@ -20,7 +22,7 @@ const MASS_TUNED: &str = "tuned, with width or amplitude, to a sequence that mov
 const ORIGIN: &str = "tuned to a colonic transit of 16 to 29 h in the median; that they arise more often proximally: doi:10.1152/ajpgi.2000.278.2.G329";
 
 /// Key of [`crate::motility_config::MotilityConfig`] (dotted for its tables) and source of its default.
-pub const MOTILITY_SOURCES: [(&str, &str); 95] = [
+pub const MOTILITY_SOURCES: [(&str, &str); 96] = [
     ("amplitude_scale", "chosen: the amplitudes as they stand"),
     ("spontaneous", "chosen: a living bowel"),
     ("taenia_relief", "chosen: the published law of the radius has no angle"),
@@ -41,6 +43,7 @@ pub const MOTILITY_SOURCES: [(&str, &str); 95] = [
     ("oesophagus.swallow_time_s", "chosen: the exam begins with the swallow"),
     ("oesophagus.speed_m_s", HUMPHRIES),
     ("oesophagus.further_rate_hz", SUPINE),
+    ("oesophagus.further_growth_per_s", AUGMENTED),
     ("oesophagus.amplitude", SUPINE),
     ("oesophagus.amplitude_spread", SUPINE),
     ("oesophagus.width_m", BELIEVED),

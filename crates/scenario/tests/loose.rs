@@ -381,7 +381,9 @@ fn law_what_is_loose_stays_in_the_lumen_of_a_whole_gut() {
     let tract = Arc::new(tract_file::load(&Node::open(&model).unwrap(), &options).unwrap().0);
     let (runs, seconds) =
         if std::env::var("LUMENAV_FULL").is_ok_and(|v| v == "1") { (60, 300.0) } else { (6, 10.0) };
-    for seed in 0..runs {
+    let first: u64 = std::env::var("FIRST").map_or(0, |v| v.parse().unwrap());
+    for seed in first..runs {
+        { let build = |seed, start_m| crowded(seed, start_m, &tract); let mut e = build(seed, 0.026 + (0.5 + seed as f64 * 0.618_033_988_749_894_9).fract() * (tract.length_m() - 0.052)).unwrap(); for k in 1..=10*seconds as u32 { e.advance_to(SimTime::from_seconds(0.1*f64::from(k))); for (i,(shape,pose,s_m)) in e.loose().enumerate() { let c = Point3::from(pose.translation.vector); let b = (-40..=40).map(|k| { let s_m = (s_m + 5e-4 * f64::from(k)).clamp(0.0, tract.length_m()); (c - tract.centre_line.station(s_m).position_m).norm() - (tract.radius.radius_m(s_m) - shape.radius_m).max(0.0)}).fold(f64::INFINITY, f64::min); if b > 0.0027 { println!("{k} body {i} r {:.4} L {:.4} s {s_m:.3} beyond {:.2} capsule {:.3} {:?}", shape.radius_m, shape.length_m, 1e3*b, e.state().arc_length_m, e.state().segment); } } } }
         let build = |seed, start_m| crowded(seed, start_m, &tract);
         let report = fuzz_inside_lumen(seed..seed + 1, seconds, &tract, &CAPSULE, build).unwrap();
         println!(

@@ -10,6 +10,9 @@ use lumenav_core::RandomStreams;
 /// Cells of one rhythm: enough for 7 m of bowel in cells of 2 cm.
 const MOST_CELLS: usize = 400;
 
+/// How strong waves grow, over their strength at first (B).
+const LARGEST_GROWTH: f64 = 2.0;
+
 /// How far a wave that runs back over an organ's oral end goes beyond it, in widths: a capsule before it is then through.
 const BACK_BEYOND_WIDTHS: f64 = 3.0;
 
@@ -35,6 +38,7 @@ pub(super) struct Cell {
     bursts: Option<Bursts>,
     /// As [`Wave::acts_from_m`].
     acts_from_m: f64,
+    growth: Option<Growth>,
     pub(super) sequence: u64,
     pub(super) next_time_s: f64,
 }
@@ -60,6 +64,20 @@ impl Origins {
             let part = (uniform - self.first_part) / (1.0 - self.first_part);
             self.middle_m + part * (self.last_m - self.middle_m)
         }
+    }
+}
+
+/// Waves that grow stronger as time goes by, as those of an oesophagus in which something stays do.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Growth {
+    pub(crate) from_s: f64,
+    pub(crate) per_s: f64,
+}
+
+impl Growth {
+    /// Strength over that at the start.
+    fn at(&self, time_s: f64) -> f64 {
+        (1.0 + self.per_s * (time_s - self.from_s).max(0.0)).min(LARGEST_GROWTH)
     }
 }
 
@@ -145,6 +163,7 @@ impl Cell {
             return None;
         }
         let mut strength = 1.0 + rhythm.amplitude_spread * (2.0 * strength - 1.0);
+        strength *= self.growth.map_or(1.0, |growth| growth.at(time_s));
         if let Some(meal) = self.front_delay_s.and_then(|_| cycle.meal_at(time_s)) {
             strength *= meal.amplitude_factor.0;
         }
@@ -231,6 +250,8 @@ pub(crate) struct Site {
     pub(crate) bursts: Option<[f64; 2]>,
     /// As [`Wave::acts_from_m`].
     pub(crate) acts_from_m: f64,
+    /// How its waves grow stronger, if they do.
+    pub(crate) growth: Option<Growth>,
 }
 
 impl Site {
@@ -247,6 +268,7 @@ impl Site {
             origins: None,
             bursts: None,
             acts_from_m: f64::NEG_INFINITY,
+            growth: None,
         }
     }
 }
@@ -302,6 +324,7 @@ fn stretch_cells(
             length_m: length_m / count as f64,
             origins: site.origins,
             acts_from_m: site.acts_from_m,
+            growth: site.growth,
             bursts: site.bursts.map(|[burst_s, period_s]| {
                 let name = format!("{}/bursts", site.name);
                 let phase_s = period_s * uniform(&mut streams.stream(&format!("{name}/phase"), 0));

@@ -43,6 +43,25 @@ fn waves(mut motility: Motility, end_s: f64, step_s: f64) -> Vec<Wave> {
     all
 }
 
+#[test]
+fn closed_form_swallows_that_follow_grow_stronger_up_to_twice() {
+    // 0.36 (1 + 0.05 (t - 10 s)), at most 0.72, from a swallow at 10 s on; the swallow itself has 0.36.
+    let text =
+        "[motility.oesophagus]\nswallow_time_s = 10.0\nfurther_growth_per_s = 0.05\namplitude_spread = 0.0";
+    let tract = whole_gut();
+    let waves = waves(Motility::new(&parse(text).unwrap(), &tract, &streams(1)).unwrap(), 60.0, 0.1);
+    let of_oesophagus: Vec<_> = waves.iter().filter(|wave| wave.start_arc_length_m < 0.1).collect();
+    assert!(of_oesophagus.len() > 6, "{}", of_oesophagus.len());
+    let mut largest = 0.0_f64;
+    for wave in of_oesophagus {
+        let grown = 1.0 + 0.05 * (wave.start_time_s - 10.0).max(0.0);
+        let expected = if wave.start_time_s == 10.0 { 0.36 } else { 0.36 * grown.min(2.0) };
+        assert!(wave.amplitude.iter().all(|a| (a - expected).abs() < 1e-12), "{wave:?}, expected {expected}");
+        largest = largest.max(wave.amplitude[0]);
+    }
+    assert!((largest - 0.72).abs() < 1e-12, "{largest}");
+}
+
 /// Default motility in a colon whose haustra never rest.
 fn restless() -> MotilityConfig {
     parse("[motility.colon]\nburst_fraction = 1.0").unwrap()
