@@ -185,6 +185,10 @@ impl EngineWorld {
                 }
                 EventKind::Stalled => format!("stalled at {mm:.0} mm"),
                 EventKind::Retained => format!("retained at {mm:.0} mm"),
+                EventKind::TetherCrossed { from_m } => format!(
+                    "the tether takes a short cut between two loops at {:.0} mm: from here on it is shorter than the bowel it runs through",
+                    1e3 * from_m
+                ),
                 EventKind::Left => format!("left the tract at {mm:.0} mm; its truth stays there"),
             };
             self.notes.push(WorldNote { at: event.at, text });

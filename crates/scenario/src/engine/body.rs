@@ -1,12 +1,12 @@
-//! The capsule as a rigid body, and the border between nalgebra and rapier's math types.
+//! The capsule and what is loose beside it as rigid bodies, and the border between nalgebra and rapier's math types.
 //!
-//! Weight, buoyancy, drag and the wall come in one implicit solve ([`super::wall`]) whose velocities this body is given;
-//! rapier moves it: it solves the contacts with rigid obstacles (plates, polyps), adds the gyroscopic torque and integrates the
-//! pose, which lives in rapier's body alone.
+//! Weight, buoyancy, drag, the wall ([`super::wall`]), and what bodies do to each other ([`super::together`]), come in one implicit solve whose
+//! velocities these bodies are given; rapier moves them: it solves the contacts with rigid obstacles (plates, polyps), adds the gyroscopic torque and
+//! integrates the poses, which live in rapier's bodies alone.
 //!
-//! Without anything rigid or loose beside it there is nothing to solve: the capsule carries its mass without a collider, and a step is rapier's
+//! Without an obstacle there is nothing for rapier to solve: bodies carry their masses without colliders, and a step is rapier's
 //! gyroscopic torque and its integration of a pose, without its pipeline, which took a third of the engine's time. With the first obstacle the
-//! capsule gets its collider and is stepped by the pipeline.
+//! bodies get their colliders, which meet obstacles and not each other, and are stepped by the pipeline.
 //!
 //! `length_unit` is 0.01: contact tolerances are then fractions of a centimetre, and rapier's hidden limit of speed
 //! (400 length units per second; its pipeline's, so only among obstacles) is 4 m/s, far above anything here. Warm starting and the recycling of contacts are off: they
@@ -84,7 +84,7 @@ const MOVED: InteractionGroups =
 const FIXED: InteractionGroups =
     InteractionGroups::new(Group::GROUP_2, Group::GROUP_1, InteractionTestMode::And);
 
-/// The capsule and what is loose beside it, in the rapier world in which they meet each other and what stands still.
+/// The capsule and what is loose beside it, in the rapier world in which they meet what stands still.
 pub(crate) struct Bodies {
     world: PhysicsWorld,
     all: Vec<Body>,

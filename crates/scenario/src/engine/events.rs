@@ -42,6 +42,12 @@ pub enum EventKind {
     Retained,
     /// It left through an open end; its truth stays as it is from here on.
     Left,
+    /// The tether has taken a short cut between two loops that lie against each other, which no wall of theirs holds it from: from here on it is
+    /// shorter than the bowel that it runs through. Told once.
+    TetherCrossed {
+        /// Where the short cut begins, arc length, m.
+        from_m: f64,
+    },
 }
 
 /// What a step showed.
@@ -51,6 +57,8 @@ pub(super) struct Seen {
     pub(super) segment_index: usize,
     pub(super) touching: bool,
     pub(super) left: bool,
+    /// Where a tether takes a short cut, m.
+    pub(super) crossed_m: Option<f64>,
 }
 
 /// Memory of the events told so far.
@@ -63,6 +71,8 @@ pub(super) struct Watch {
     pub(super) anchored: SimTime,
     pub(super) stalled: bool,
     pub(super) retained: bool,
+    /// Where the short cut of the tether is that has been told, m.
+    pub(super) crossed_m: Option<f64>,
 }
 
 impl Watch {
@@ -76,6 +86,7 @@ impl Watch {
             anchored: SimTime::ZERO,
             stalled: false,
             retained: false,
+            crossed_m: None,
         }
     }
 
@@ -106,6 +117,10 @@ impl Watch {
         if !self.retained && resting_ns >= nanoseconds(config.retained_after_s.0) {
             self.retained = true;
             tell(EventKind::Retained);
+        }
+        if let (Some(from_m), None) = (seen.crossed_m, self.crossed_m) {
+            self.crossed_m = Some(from_m);
+            tell(EventKind::TetherCrossed { from_m });
         }
         if seen.left {
             tell(EventKind::Left);

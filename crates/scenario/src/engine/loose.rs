@@ -1,15 +1,14 @@
 //! What is loose in the tract beside the capsule: residue, a second capsule, and a tether that the capsule drags behind it.
 //!
-//! Each meets the wall as the capsule does ([`super::wall`]); each other and what is rigid they meet as rapier's bodies. A ball is a capsule without a
-//! cylinder. Friction is the capsule's by the ratio of their surfaces.
+//! Each meets the wall as the capsule does ([`super::wall`]), and the others in the same implicit step ([`super::together`]); rapier's bodies carry
+//! their poses and meet what is rigid. A ball is a capsule without a cylinder. What the wall does to a capsule (stiffness, damping, friction) it does to
+//! others by the ratio of their surfaces; taut tissue is as taut for all.
 //!
-//! A tether is a chain of links, each a capsule of its own, joined end to end (rapier's spherical joints) and to the capsule's oral tip; its other
-//! end is held where it is, or free. It neither stretches nor resists bending.
+//! A tether is a chain of links, each a capsule of its own, joined end to end and to the capsule's oral tip; its other end is held where it is, or
+//! free. It neither stretches nor resists bending.
 //!
-//! A step: the wall gives each its velocities, then rapier makes them agree with contacts and joints. So the wall does not resist the impulse of a
-//! contact or joint within the step in which it comes.
-//!
-//! Neglected: that residue gives way, sticks and dissolves (a ball rolls); the tether's bending stiffness; the lumen's wall between two bodies on either side of a fold.
+//! Neglected: that residue gives way, sticks and dissolves (a ball rolls); the tether's bending stiffness; that a taut tether gathers the bowel up (where two
+//! loops lie against each other it may take the short cut between them, which is told: [`super::EventKind::TetherCrossed`]).
 
 use super::mover::Mover;
 use super::together::{Joint, Tie};

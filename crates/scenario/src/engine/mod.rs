@@ -9,6 +9,9 @@
 //! 4. rapier's body takes these velocities; rapier solves its contacts with what is rigid in the tract and moves it
 //!    ([`body`](self)).
 //!
+//! What is loose beside the capsule ([`loose`](self)) takes the same steps; all systems are then one, with the contacts and joints between bodies
+//! ([`together`](self)).
+//!
 //! ```text
 //! m dv/dt = m g - ρ V g + F_drag + F_wall + F_wrench
 //! F_drag  = -(6π η r + ½ ρ C_d π r² |v|) v        (in fluid; the torque by strips along the capsule)
@@ -477,6 +480,7 @@ impl Engine {
             segment_index: self.capsule().segment_index,
             touching: self.touching > 0,
             left: self.capsule().left,
+            crossed_m: self.together.short_cut_m(&self.movers, &self.tract),
         };
         self.watch.look(&seen, &self.tract, &self.config, &mut self.events);
     }

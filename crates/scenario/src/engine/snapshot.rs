@@ -18,6 +18,8 @@ const MAGIC: &[u8; 4] = b"LNVE";
 const VERSION: u32 = 4;
 /// Stands for "awake" where a sleeper's time would stand, s.
 const AWAKE_S: f64 = -1.0;
+/// Stands for no place where one would stand, m.
+const NOWHERE_M: f64 = -1.0;
 
 struct Writer(Vec<u8>);
 
@@ -142,6 +144,7 @@ impl Engine {
         out.whole(watch.anchored.0 as u64);
         out.whole(u64::from(watch.stalled));
         out.whole(u64::from(watch.retained));
+        out.number(watch.crossed_m.unwrap_or(NOWHERE_M));
         out.whole(self.sleep.rested_steps);
         // Awake: a time that nothing can have.
         out.number(self.sleep.until_s.map_or(AWAKE_S, |until_s| until_s.min(f64::MAX)));
@@ -180,6 +183,8 @@ impl Engine {
         watch.anchored = SimTime(from.whole()? as i64);
         watch.stalled = from.flag()?;
         watch.retained = from.flag()?;
+        let crossed_m = from.number()?;
+        watch.crossed_m = (crossed_m > NOWHERE_M).then_some(crossed_m);
         let (rested_steps, until_s) = (from.whole()?, from.number()?);
         let sleep = Sleep { rested_steps, until_s: (until_s > AWAKE_S).then_some(until_s) };
         let mut all = Vec::with_capacity(self.movers.len());

@@ -21,9 +21,11 @@ use super::body::OBSTACLE_FRICTION;
 use super::coupled::{Coupled, Relative};
 use super::mover::Mover;
 use super::system::{Row, Twist};
+use lumenav_anatomy::tract::Tract;
 use nalgebra::{Point3, Vector3};
 use rapier3d::parry::query::details::closest_points_segment_segment_with_locations_nD as nearest_of_segments;
 use rapier3d::prelude::Vector;
+use std::f64::consts::PI;
 
 /// Stiffness of a contact between bodies, N/m: at the force of a strong wave, 0.3 N, they enter each other by 3 um (B).
 const CONTACT_NEWTON_PER_M: f64 = 1e5;
@@ -154,6 +156,20 @@ impl Together {
         for touch in self.touches.iter().filter(|touch| touch.pushes) {
             touch.add_to(&mut self.coupled, step_s);
         }
+    }
+
+    /// Where a chain of bodies skips more of the tract than a bend's inner side saves, m: it has gone through two walls that lie against
+    /// each other.
+    pub(super) fn short_cut_m(&self, movers: &[Mover], tract: &Tract) -> Option<f64> {
+        self.joints.iter().find_map(|joint| {
+            let Tie::Body(to, _) = joint.to else { return None };
+            let (a, b) = (&movers[joint.body], &movers[to]);
+            let from_m = a.station.arc_length_m.min(b.station.arc_length_m);
+            let skipped_m = (a.station.arc_length_m - b.station.arc_length_m).abs();
+            let bend_m = PI * tract.radius.radius_m(from_m);
+            let most_m = 0.5 * (a.shape.length_m + b.shape.length_m) + bend_m;
+            (!a.left && !b.left && skipped_m > most_m).then_some(from_m)
+        })
     }
 
     fn find_held(&mut self, movers: &[Mover]) {
@@ -308,5 +324,139 @@ impl Touch {
         for slide in &self.slides {
             coupled.add_row(slide, step_s * self.friction_n_s_m, 0.0);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::system::System;
+    use lumenav_anatomy::segment::SegmentKey;
+    use lumenav_anatomy::tract::{End, SegmentPoints, TractDraft};
+    use lumenav_core::CapsuleBody;
+    use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+
+    const STEP_S: f64 = 1.0 / 240.0;
+
+    /// Two capsules far from any wall, which no force acts upon.
+    fn movers(poses: [Isometry3<f64>; 2], twists: [Twist; 2]) -> Vec<Mover> {
+        let key = SegmentKey::Ileum;
+        let points_m = (0..=10).map(|i| Point3::new(0.0, 0.0, 0.02 * f64::from(i))).collect();
+        let segment = SegmentPoints {
+            key,
+            points_m,
+            radii_m: vec![0.02; 11],
+            wall: key.default_wall(),
+            source: String::new(),
+        };
+        let ends = (End::Closed, End::Exit);
+        let draft = TractDraft {
+            name: "t".into(),
+            segments: vec![segment],
+            ends,
+            torso_half_extents_m: None,
+            source: String::new(),
+        };
+        let tract = draft.build().unwrap().0;
+        let shapes = [(0.0055, 0.026, 0.0033), (0.003, 0.010, 0.0004)];
+        let all = shapes.into_iter().zip(poses).zip(twists);
+        all.map(|(((radius_m, length_m, mass_kg), pose), twist)| {
+            let shape = CapsuleBody { radius_m, length_m, mass_kg };
+            let mut mover = Mover::new(&shape, tract.station(pose.translation.z), &tract, 1.0);
+            let axis = pose.rotation * Vector3::x();
+            let inertia = &mover.inertia;
+            mover.system = System::new(mass_kg, inertia.axial_kg_m2, inertia.transverse_kg_m2, &axis, &twist);
+            (mover.pose, mover.twist) = (pose, twist);
+            mover
+        })
+        .collect()
+    }
+
+    /// Momentum and angular momentum about the origin of all.
+    fn momenta(movers: &[Mover], twists: &[Twist]) -> [Vector3<f64>; 2] {
+        let mut sum = [Vector3::zeros(); 2];
+        for (mover, twist) in movers.iter().zip(twists) {
+            let (inertia, axis) = (&mover.inertia, mover.pose.rotation * Vector3::x());
+            let momentum = twist.linear * inertia.mass_kg;
+            let spin = twist.angular * inertia.transverse_kg_m2
+                + axis * ((inertia.axial_kg_m2 - inertia.transverse_kg_m2) * axis.dot(&twist.angular));
+            sum[0] += momentum;
+            sum[1] += mover.pose.translation.vector.cross(&momentum) + spin;
+        }
+        sum
+    }
+
+    fn apart(way_m: Vector3<f64>) -> [Isometry3<f64>; 2] {
+        let place = Vector3::new(0.001, -0.002, 0.1);
+        let turned = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, 1.2, -0.4));
+        [
+            Isometry3::from_parts(Translation3::from(place), turned),
+            Isometry3::from_parts(Translation3::from(place + way_m), UnitQuaternion::identity()),
+        ]
+    }
+
+    const MEETING: [Twist; 2] = [
+        Twist { linear: Vector3::new(0.02, 0.01, 0.05), angular: Vector3::new(1.0, -2.0, 0.5) },
+        Twist { linear: Vector3::new(-0.03, 0.0, -0.09), angular: Vector3::new(-4.0, 1.0, 3.0) },
+    ];
+
+    #[test]
+    fn law_a_contact_keeps_the_momenta() {
+        let mut movers = movers(apart(Vector3::new(0.002, 0.006, 0.008)), MEETING);
+        let before = momenta(&movers, &MEETING);
+        let mut together = Together::default();
+        let after = together.solve(&mut movers, &EngineConfig::default(), STEP_S).to_vec();
+        assert!(together.touches.iter().any(|touch| touch.pushes && touch.friction_n_s_m > 0.0));
+        let changed = (after[1].linear - MEETING[1].linear).norm();
+        assert!(changed > 0.01, "{changed} m/s");
+        for (before, after) in before.iter().zip(momenta(&movers, &after)) {
+            assert!((before - after).norm() < 1e-12, "{before} {after}");
+        }
+    }
+
+    #[test]
+    fn law_a_joint_keeps_the_momentum_and_its_places_together() {
+        let poses = apart(Vector3::new(0.0, 0.012, 0.02));
+        let mut movers = movers(poses, MEETING);
+        let meeting_m = poses[0] * Point3::new(0.013, 0.0, 0.0);
+        let place = poses[1].inverse() * meeting_m;
+        let mut together = Together::default();
+        together.join(Joint { body: 1, place, to: Tie::Body(0, Point3::new(0.013, 0.0, 0.0)) });
+        let before = momenta(&movers, &MEETING);
+        let after = together.solve(&mut movers, &EngineConfig::default(), STEP_S).to_vec();
+        assert!(together.touches.is_empty(), "what is joined does not touch");
+        // The turn of the levers within the step is a torque on one body alone: the angular momentum changes where a joint jerks.
+        let changed = (momenta(&movers, &after)[0] - before[0]).norm();
+        assert!(changed < 1e-12, "{changed}");
+        let velocity = |index: usize| {
+            let lever = meeting_m - Point3::from(movers[index].pose.translation.vector);
+            after[index].linear + after[index].angular.cross(&lever)
+        };
+        let parting_m_s = (velocity(0) - velocity(1)).norm();
+        assert!(parting_m_s < 1e-3, "{parting_m_s} m/s, 0.1 m/s before");
+    }
+
+    #[test]
+    fn closed_form_a_pull_stretches_a_joint_by_its_stiffness() {
+        // A capsule tied to the gut by its middle, under 0.05 N times the step: held at F/k.
+        let rest = [Twist::REST; 2];
+        let mut movers = movers(apart(Vector3::new(0.0, 0.0, 0.06)), rest);
+        let centre = Point3::from(movers[0].pose.translation.vector);
+        let mut together = Together::default();
+        together.join(Joint { body: 0, place: Point3::origin(), to: Tie::Gut(centre) });
+        for _ in 0..2000 {
+            let mover = &mut movers[0];
+            let axis = mover.pose.rotation * Vector3::x();
+            let inertia = &mover.inertia;
+            let (axial, transverse) = (inertia.axial_kg_m2, inertia.transverse_kg_m2);
+            mover.system = System::new(inertia.mass_kg, axial, transverse, &axis, &mover.twist);
+            mover.system.add_impulse(&Vector3::new(0.0, 0.05 * STEP_S, 0.0), &Vector3::zeros());
+            let twist = together.solve(&mut movers, &EngineConfig::default(), STEP_S)[0];
+            movers[0].twist = twist;
+            movers[0].pose.translation.vector += twist.linear * STEP_S;
+        }
+        let moved = movers[0].pose.translation.vector - centre.coords;
+        let expected_m = 0.05 / JOINT_NEWTON_PER_M;
+        assert!((moved - Vector3::y() * expected_m).norm() < 1e-3 * expected_m, "{moved}");
     }
 }

@@ -17,11 +17,10 @@ fn full() -> bool {
 
 /// The engine of a seed with the capsule at an arc length.
 fn fuzzed(
-    tract: &Arc<Tract>,
-    motility: &MotilityConfig,
-    config: &EngineConfig,
+    tract: Arc<Tract>,
+    motility: MotilityConfig,
+    config: EngineConfig,
 ) -> impl Fn(u64, f64) -> Result<Engine, EngineError> {
-    let (tract, motility, config) = (tract.clone(), motility.clone(), config.clone());
     move |seed, start_m| {
         let streams = RandomStreams::new(seed, 0, "motility");
         let config = EngineConfig { start_arc_length_m: NonNegative(start_m), ..config.clone() };
@@ -31,8 +30,7 @@ fn fuzzed(
 
 fn stays_inside(test: &str, tract: &Arc<Tract>, runs: u64, short_s: f64) {
     let duration_s = if full() { 60.0 } else { short_s };
-    let busy = frantic();
-    let build = fuzzed(tract, &busy, &EngineConfig::default());
+    let build = fuzzed(tract.clone(), frantic(), EngineConfig::default());
     let report = fuzz_inside_lumen(0..runs, duration_s, tract, &CAPSULE, build).unwrap();
     println!(
         "figure: {test}: {} runs of {duration_s} s, {} steps, worst excess {:.3} mm (seed {}, {:.3} m, {:.2} s), fastest {:.1} mm/s, \
@@ -56,7 +54,7 @@ fn law_a_capsule_in_a_whole_gut_stays_inside_and_its_stalls_are_told() {
     let tract = tract_of(&models.join("whole-gut-average-man.toml"), &[]);
     // Stalls within the half minute that this lasts.
     let config = EngineConfig { stalled_after_s: Positive(10.0), ..EngineConfig::default() };
-    let build = fuzzed(&tract, &MotilityConfig::default(), &config);
+    let build = fuzzed(tract.clone(), MotilityConfig::default(), config);
     let report = fuzz_inside_lumen(0..24, 30.0, &tract, &CAPSULE, build).unwrap();
     assert!(report.inside() && report.untold_stalls == 0, "{report:?}");
     assert!(report.stalls > 3, "{report:?}");
