@@ -109,6 +109,16 @@ pub enum AnatomyError {
         /// Name with its unit.
         name: &'static str,
     },
+    /// A fault of organs that the tract does not have.
+    #[error("{fault} concerns {}; this tract has: {}", list(organs), list(available))]
+    NoSuchOrgan {
+        /// The fault, as files name it.
+        fault: &'static str,
+        /// What it concerns.
+        organs: &'static [SegmentKey],
+        /// Segments of the tract, in order.
+        available: Vec<SegmentKey>,
+    },
     /// A value outside its range.
     #[error("{name} has to be from {low} to {high}, it is {value}")]
     OutOfRange {
@@ -240,6 +250,7 @@ impl AnatomyError {
             | Self::Overlap { name }
             | Self::TooManyWaves { name, .. } => name.split_whitespace().next(),
             Self::NoSuchSegment { .. } => Some("segment"),
+            Self::NoSuchOrgan { .. } => Some("kind"),
             _ => None,
         }
     }

@@ -187,6 +187,10 @@ impl Motility {
         streams: &RandomStreams,
     ) -> Result<Self, AnatomyError> {
         config.check()?;
+        for (index, fault) in config.fault.iter().enumerate() {
+            let in_fault = |error| AnatomyError::InFault { index, error: Box::new(error) };
+            fault.check_organs(tract).map_err(in_fault)?;
+        }
         let mut scheduled = Vec::with_capacity(config.wave.len());
         for (index, wave) in config.wave.iter().enumerate() {
             let resolved = wave.resolve(tract);

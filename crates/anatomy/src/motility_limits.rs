@@ -141,7 +141,11 @@ impl MotilityConfig {
     /// Refuses what lies outside its range; scheduled waves are looked at when they are resolved.
     pub(crate) fn check(&self) -> Result<(), AnatomyError> {
         for (index, fault) in self.fault.iter().enumerate() {
-            fault.check().map_err(|error| AnatomyError::InFault { index, error: Box::new(error) })?;
+            let in_fault = |error| AnatomyError::InFault { index, error: Box::new(error) };
+            fault.check().map_err(in_fault)?;
+            if self.fault[..index].iter().any(|other| other.overlaps(fault)) {
+                return Err(in_fault(AnatomyError::Overlap { name: "start_s" }));
+            }
         }
         for (index, meal) in self.meal.iter().enumerate() {
             let in_meal = |error| AnatomyError::InMeal { index, error: Box::new(error) };

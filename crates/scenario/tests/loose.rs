@@ -8,7 +8,7 @@ use lumenav_anatomy::tract_file::{self, TractOptions};
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{CapsuleBody, ConfigError, Node, RandomStreams, SimTime};
 use lumenav_scenario::engine::{
-    Engine, EngineConfig, EngineError, Loose, Tether, ends_of, fuzz_inside_lumen,
+    Engine, EngineConfig, EngineError, EventKind, Loose, Tether, ends_of, fuzz_inside_lumen,
 };
 use lumenav_scenario::loose::LooseTable;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -230,8 +230,9 @@ fn folded() -> Engine {
     Engine::new(config, tract, motility, CAPSULE).unwrap()
 }
 
-/// How far the centres come beyond where they lie against the resting wall, m, within so many seconds: of the capsule, of all others.
-fn excess_m(engine: &mut Engine, seconds: u32) -> [f64; 2] {
+/// How far the centres come beyond where they lie against the resting wall, m, within so many seconds: of the capsule, of all others; and when the tether was
+/// told to take a short cut, s, at which it ends.
+fn excess_m(engine: &mut Engine, seconds: u32) -> ([f64; 2], Option<f64>) {
     let tract = engine.tract().clone();
     // On the inner side of a bend that is tighter than the lumen is wide the nearest place of the lumen is not the nearest foot.
     let beyond_m = |centre: &Point3<f64>, s_m: f64, radius_m: f64| {
@@ -244,7 +245,11 @@ fn excess_m(engine: &mut Engine, seconds: u32) -> [f64; 2] {
     };
     let mut worst_m = [0.0_f64; 2];
     for k in 1..=10 * seconds {
-        engine.advance_to(SimTime::from_seconds(0.1 * f64::from(k)));
+        let time_s = 0.1 * f64::from(k);
+        engine.advance_to(SimTime::from_seconds(time_s));
+        if engine.events().iter().any(|event| matches!(event.kind, EventKind::TetherCrossed { .. })) {
+            return (worst_m, Some(time_s));
+        }
         let state = engine.state();
         let centre = Point3::from(state.world_from_capsule.translation.vector);
         worst_m[0] = worst_m[0].max(beyond_m(&centre, state.arc_length_m, CAPSULE.radius_m));
@@ -253,7 +258,7 @@ fn excess_m(engine: &mut Engine, seconds: u32) -> [f64; 2] {
             worst_m[1] = worst_m[1].max(beyond_m(&centre, s_m, shape.radius_m));
         }
     }
-    worst_m
+    (worst_m, None)
 }
 
 #[test]
@@ -263,7 +268,7 @@ fn law_nothing_loose_leaves_the_lumen() {
     engine.insert_loose(&ball(0.004, 0.30)).unwrap();
     engine.insert_loose(&ball(0.003, 0.33)).unwrap();
     engine.insert_loose(&Loose { shape: CAPSULE, arc_length_m: 0.37 }).unwrap();
-    let loose = excess_m(&mut engine, 240);
+    let (loose, _) = excess_m(&mut engine, 240);
     println!("loose {loose:?}");
     assert!(loose.iter().all(|excess_m| *excess_m < 0.003), "{loose:?}");
 }
@@ -272,8 +277,9 @@ fn law_nothing_loose_leaves_the_lumen() {
 fn law_a_taut_tether_stays_in_the_lumen() {
     let mut engine = folded();
     engine.attach_tether(&Tether { length_m: 0.2, link_m: 0.02, ..TETHER }).unwrap();
-    let tethered = excess_m(&mut engine, 240);
+    let (tethered, crossed) = excess_m(&mut engine, 240);
     println!("tethered {tethered:?} at {}", engine.state().arc_length_m);
+    assert_eq!(crossed, None);
     assert!(tethered.iter().all(|excess_m| *excess_m < 0.003), "{tethered:?}");
 }
 
@@ -329,22 +335,42 @@ fn law_impossible_bodies_are_refused() {
     assert_eq!(engine.loose().count(), 0);
 }
 
-/// Of a seed: some residue of any size, now and then a second capsule, in the shipped gut of an average man.
-fn crowded(seed: u64, start_m: f64, tract: &Arc<Tract>) -> Result<Engine, EngineError> {
-    let drawn = |which: u64| {
-        let bits = RandomStreams::new(seed, which, "crowd").stream("number", 0).next_u64() >> 11;
-        bits as f64 / (1_u64 << 53) as f64
-    };
-    let streams = RandomStreams::new(seed, 0, "motility");
+/// All of the shipped gut of an average man.
+fn whole_gut() -> Arc<Tract> {
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/tracts/whole-gut-average-man.toml");
+    let options = TractOptions { segments: vec![], length_scale: 1.0, radius_scale: 1.0 };
+    Arc::new(tract_file::load(&Node::open(&model).unwrap(), &options).unwrap().0)
+}
+
+/// A number in [0, 1) for a seed and a use of it.
+fn drawn(seed: u64, which: u64) -> f64 {
+    let bits = RandomStreams::new(seed, which, "crowd").stream("number", 0).next_u64() >> 11;
+    bits as f64 / (1_u64 << 53) as f64
+}
+
+/// A capsule in phase III, or what its segment has instead.
+fn busy(seed: u64, start_m: f64, tract: &Arc<Tract>) -> Result<Engine, EngineError> {
     let mut motility = MotilityConfig::default();
     motility.mmc.rate_factor = [Fraction(1.0); 3];
+    let streams = RandomStreams::new(seed, 0, "motility");
     let motility = Motility::new(&motility, tract, &streams).unwrap();
     let config = EngineConfig {
         start_arc_length_m: NonNegative(start_m),
         settle_s: NonNegative(0.0),
         ..EngineConfig::default()
     };
-    let mut engine = Engine::new(config, tract.clone(), motility, CAPSULE)?;
+    Engine::new(config, tract.clone(), motility, CAPSULE)
+}
+
+/// Runs and their length, s: `LUMENAV_FULL=1` for those of the acceptance.
+fn size(full: (u64, u32), short: (u64, u32)) -> (u64, u32) {
+    if std::env::var("LUMENAV_FULL").is_ok_and(|v| v == "1") { full } else { short }
+}
+
+/// Of a seed: some residue of any size, now and then a second capsule before the capsule.
+fn crowded(seed: u64, start_m: f64, tract: &Arc<Tract>) -> Result<Engine, EngineError> {
+    let drawn = |which: u64| drawn(seed, which);
+    let mut engine = busy(seed, start_m, tract)?;
     let mut place_m = start_m + 0.03;
     for k in 0..3 {
         let radius_m = 0.001 + 0.006 * drawn(k);
@@ -362,17 +388,36 @@ fn crowded(seed: u64, start_m: f64, tract: &Arc<Tract>) -> Result<Engine, Engine
 
 #[test]
 fn law_what_is_loose_stays_in_the_lumen_of_a_whole_gut() {
-    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/tracts/whole-gut-average-man.toml");
-    let options = TractOptions { segments: vec![], length_scale: 1.0, radius_scale: 1.0 };
-    let tract = Arc::new(tract_file::load(&Node::open(&model).unwrap(), &options).unwrap().0);
-    let (runs, seconds) =
-        if std::env::var("LUMENAV_FULL").is_ok_and(|v| v == "1") { (60, 300.0) } else { (6, 10.0) };
+    let tract = whole_gut();
+    let (runs, seconds) = size((60, 300), (6, 10));
     let build = |seed, start_m| crowded(seed, start_m, &tract);
-    let report = fuzz_inside_lumen(0..runs, seconds, &tract, &CAPSULE, build).unwrap();
+    let report = fuzz_inside_lumen(0..runs, f64::from(seconds), &tract, &CAPSULE, build).unwrap();
     println!(
         "figure: crowded: {runs} runs of {seconds} s, capsule {:.3} mm, loose {:.3} mm into the wall at most",
         1e3 * report.worst_excess_m,
         1e3 * report.worst_loose_m
     );
     assert!(report.inside() && report.worst_loose_m > 0.0, "{report:?}");
+}
+
+#[test]
+fn law_a_tether_stays_in_the_lumen_or_is_told_to_leave_it() {
+    let tract = whole_gut();
+    let (runs, seconds) = size((30, 300), (4, 10));
+    let (mut worst_m, mut short_cuts) = ([0.0_f64; 2], 0);
+    for seed in 0..runs {
+        // From the duodenum on.
+        let start_m = 0.75 + (seed as f64 + 0.5) / runs as f64 * (tract.length_m() - 0.8);
+        let mut engine = busy(seed, start_m, &tract).unwrap();
+        let (length_m, held) = (0.05 + 0.1 * drawn(seed, 22), drawn(seed, 23) < 0.5);
+        engine.attach_tether(&Tether { length_m, held, ..TETHER }).unwrap();
+        let (excess_m, crossed_s) = excess_m(&mut engine, seconds);
+        println!("{seed}: {length_m:.3} m, held {held}: {excess_m:?} m, short cut {crossed_s:?}");
+        short_cuts += u32::from(crossed_s.is_some());
+        worst_m = [0, 1].map(|k| worst_m[k].max(excess_m[k]));
+    }
+    println!(
+        "figure: tethered: {runs} runs of {seconds} s, {worst_m:?} m into the wall at most, {short_cuts} short cuts"
+    );
+    assert!(worst_m.iter().all(|excess_m| *excess_m < 0.003), "{worst_m:?}");
 }

@@ -9,6 +9,8 @@
 
 use crate::error::AnatomyError;
 use crate::motility_limits::in_range;
+use crate::segment::SegmentKey;
+use crate::tract::Tract;
 use lumenav_core::config::quantity::{Fraction, NonNegative, Positive};
 use serde::{Deserialize, Serialize};
 
@@ -53,6 +55,27 @@ impl FaultKind {
             Self::Reflux => "reflux",
         }
     }
+
+    /// The segments that it concerns.
+    fn segments(self) -> &'static [SegmentKey] {
+        use SegmentKey as Key;
+        match self {
+            Self::Gastroparesis => &[Key::Stomach],
+            Self::Ileus => &[
+                Key::Duodenum,
+                Key::Jejunum,
+                Key::Ileum,
+                Key::TerminalIleum,
+                Key::Caecum,
+                Key::Ascending,
+                Key::Transverse,
+                Key::Descending,
+                Key::Sigmoid,
+                Key::Rectum,
+            ],
+            Self::Reflux => &[Key::Duodenum],
+        }
+    }
 }
 
 /// The kind of organ whose contractions a cell makes.
@@ -87,6 +110,22 @@ impl FaultConfig {
     pub(crate) fn reflux_s(&self) -> Option<[f64; 2]> {
         let end_s = self.end_s.map_or(f64::INFINITY, |end_s| end_s.0);
         (self.kind == FaultKind::Reflux).then_some([self.start_s.0, end_s])
+    }
+
+    /// Whether another one of its kind lasts at the same time.
+    pub(crate) fn overlaps(&self, other: &Self) -> bool {
+        let end_s = |fault: &Self| fault.end_s.map_or(f64::INFINITY, |end_s| end_s.0);
+        self.kind == other.kind && self.start_s.0 < end_s(other) && other.start_s.0 < end_s(self)
+    }
+
+    /// Refuses a fault of organs that the tract has not.
+    pub(crate) fn check_organs(&self, tract: &Tract) -> Result<(), AnatomyError> {
+        let organs = self.kind.segments();
+        if tract.segments.iter().any(|segment| organs.contains(&segment.key)) {
+            return Ok(());
+        }
+        let available = tract.segments.iter().map(|segment| segment.key).collect();
+        Err(AnatomyError::NoSuchOrgan { fault: self.kind.as_str(), organs, available })
     }
 
     pub(crate) fn check(&self) -> Result<(), AnatomyError> {

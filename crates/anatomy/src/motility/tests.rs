@@ -267,6 +267,14 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
             "scenario.toml:4:11: `motility.meal[1].start_s`: meal 2",
         ),
         ("[[motility.fault]]\nkind = \"ileus\"\nstart_s = 9\nend_s = 9", "scenario.toml:4:9:"),
+        (
+            "[[motility.fault]]\nkind = \"ileus\"\n[[motility.fault]]\nkind = \"ileus\"\nstart_s = 9",
+            "scenario.toml:5:11: `motility.fault[1].start_s`: fault 2",
+        ),
+        (
+            "[[motility.fault]]\nkind = \"gastroparesis\"",
+            "scenario.toml:2:8: `motility.fault[0].kind`: fault 1: gastroparesis concerns stomach; this tract has: jejunum",
+        ),
     ] {
         let node = Node::parse_text(text, "scenario.toml", Path::new(""), &[]).unwrap();
         let motility = node.child_or_empty("motility");

@@ -394,7 +394,7 @@ impl Engine {
 
     /// Gives all their velocities at the end of the step; returns what the wall does to the capsule.
     fn solve_together(&mut self) -> Reaction {
-        let twists = self.together.solve(&mut self.movers, &self.config, self.step_s);
+        let twists = self.together.solve(&mut self.movers, &self.tract, &self.config, self.step_s);
         for (index, twist) in twists.iter().enumerate() {
             if !self.movers[index].left {
                 self.bodies.set_twist(index, twist);

@@ -9,6 +9,10 @@
 //! A taut string turns its links within a step: the torque `r x F` goes with the lever r, which turns by `dt ω⁺ x r`. Where F pulls (`r·F > 0`) it is taken at
 //! the end of the step, too: `dt² r·F (1 - r̂ r̂ᵀ)` for the angular velocities (a link of 40 mg at 0.3 N swings 360 times a second).
 //!
+//! Two limbs of a tight fold lie against each other, and a taut string that hugs the inner side of the bend is in both. What holds it from sliding on between
+//! them is the fold's own tissue: bodies that are joined and lie further apart along the tract than their lengths and the lumen's width are
+//! drawn together along it, `F = k (Δs + dt Δṡ⁺)`.
+//!
 //! All this with velocities at the end of the step, found by the same fixed-point iteration as the wall's ([`super::wall`]), of which these are further rows:
 //! what a capsule presses against the wall feels both within the step. (Rapier's own contacts and joints come after the wall and know nothing of
 //! it: what was wedged between a capsule and a bend went through the wall by 3 to 11 mm, and a taut string cut through loops.)
@@ -25,12 +29,15 @@ use lumenav_anatomy::tract::Tract;
 use nalgebra::{Point3, Vector3};
 use rapier3d::parry::query::details::closest_points_segment_segment_with_locations_nD as nearest_of_segments;
 use rapier3d::prelude::Vector;
-use std::f64::consts::PI;
 
 /// Stiffness of a contact between bodies, N/m: at the force of a strong wave, 0.3 N, they enter each other by 3 um (B).
 const CONTACT_NEWTON_PER_M: f64 = 1e5;
 /// Of a joint, N/m.
 const JOINT_NEWTON_PER_M: f64 = 1e5;
+/// Of the tissue between the limbs of a fold, along the tract, N/m: 0.3 N, the force of a strong wave, moves a string by 1 mm (B).
+const FOLD_NEWTON_PER_M: f64 = 300.0;
+/// How far a chain has to come through it until that is told, m: at 3 N.
+const SHORT_CUT_M: f64 = 0.01;
 /// More overlap than this (of what was put in where another lies) does not push harder, m: they part within a moment instead of flying apart.
 const DEEPEST_M: f64 = 2e-4;
 /// Bodies nearer than this may touch within the step, m; and those that approach each other, by what they come nearer.
@@ -80,6 +87,17 @@ struct Held {
     other: Option<(usize, Vector3<f64>)>,
     /// On the one, N.
     force_n: Vector3<f64>,
+    fold: Option<Fold>,
+}
+
+/// What lies between the two limbs of a fold, where a taut chain would take the short cut.
+#[derive(Debug, Clone, Copy)]
+struct Fold {
+    /// How fast both move apart along the tract.
+    parting: Relative,
+    /// How much further apart they are along the tract than a bend's inner side lets them be, m; below 0: less.
+    over_m: f64,
+    pushes: bool,
 }
 
 /// One place at which two bodies touch or may within the step.
@@ -109,10 +127,16 @@ impl Together {
     }
 
     /// Velocities of all bodies at the end of a step, in the order of `movers`, whose walls have been found.
-    pub(super) fn solve(&mut self, movers: &mut [Mover], config: &EngineConfig, step_s: f64) -> &[Twist] {
+    pub(super) fn solve(
+        &mut self,
+        movers: &mut [Mover],
+        tract: &Tract,
+        config: &EngineConfig,
+        step_s: f64,
+    ) -> &[Twist] {
         self.twists.clear();
         self.twists.extend(movers.iter().map(|mover| mover.twist));
-        self.find_held(movers);
+        self.find_held(movers, tract);
         self.find_touches(movers, step_s);
         let slides = self.touches.iter().flat_map(|touch| &touch.slides);
         let rows = self.held.iter().flat_map(|held| &held.rows).chain(slides);
@@ -135,7 +159,7 @@ impl Together {
             settled &= mover.contacts.update(twist, mover.friction, config, step_s);
         }
         for held in &mut self.held {
-            held.update(&self.twists, step_s);
+            settled &= held.update(&self.twists, step_s);
         }
         for touch in &mut self.touches {
             settled &= touch.update(&self.twists, config, step_s);
@@ -166,15 +190,13 @@ impl Together {
             let (a, b) = (&movers[joint.body], &movers[to]);
             let from_m = a.station.arc_length_m.min(b.station.arc_length_m);
             let skipped_m = (a.station.arc_length_m - b.station.arc_length_m).abs();
-            let bend_m = PI * tract.radius.radius_m(from_m);
-            let most_m = 0.5 * (a.shape.length_m + b.shape.length_m) + bend_m;
-            (!a.left && !b.left && skipped_m > most_m).then_some(from_m)
+            (!a.left && !b.left && skipped_m > spared_m(a, b, tract) + SHORT_CUT_M).then_some(from_m)
         })
     }
 
-    fn find_held(&mut self, movers: &[Mover]) {
+    fn find_held(&mut self, movers: &[Mover], tract: &Tract) {
         self.held.clear();
-        self.held.extend(self.joints.iter().filter_map(|joint| Held::of(joint, movers)));
+        self.held.extend(self.joints.iter().filter_map(|joint| Held::of(joint, movers, tract)));
     }
 
     fn find_touches(&mut self, movers: &[Mover], step_s: f64) {
@@ -196,7 +218,7 @@ impl Together {
 
 impl Held {
     /// `None` if either body has left.
-    fn of(joint: &Joint, movers: &[Mover]) -> Option<Self> {
+    fn of(joint: &Joint, movers: &[Mover], tract: &Tract) -> Option<Self> {
         let place = movers[joint.body].pose * joint.place;
         let (to, other) = match joint.to {
             Tie::Gut(to) => (to, None),
@@ -213,18 +235,25 @@ impl Held {
             let row = |(index, lever): (usize, Vector3<f64>)| (index, Row::new(&direction, &lever));
             Relative { one: row(one), other: other.map(row) }
         });
-        Some(Self { rows, apart_m: place - to, one, other, force_n: Vector3::zeros() })
+        let fold = other.map(|(index, _)| Fold::of((joint.body, index), movers, tract));
+        Some(Self { rows, apart_m: place - to, one, other, force_n: Vector3::zeros(), fold })
     }
 
-    fn update(&mut self, twists: &[Twist], step_s: f64) {
+    /// Takes the forces from `twists`; whether the fold pushes as it did.
+    fn update(&mut self, twists: &[Twist], step_s: f64) -> bool {
         let parting_m_s = Vector3::from(self.rows.map(|row| row.velocity(twists)));
         self.force_n = -JOINT_NEWTON_PER_M * (self.apart_m + step_s * parting_m_s);
+        self.fold.as_mut().is_none_or(|fold| fold.update(twists, step_s))
     }
 
     fn add_to(&self, coupled: &mut Coupled, step_s: f64) {
         let stiffness = step_s * JOINT_NEWTON_PER_M;
         for (row, apart_m) in self.rows.iter().zip(&self.apart_m) {
             coupled.add_row(row, step_s * stiffness, -stiffness * apart_m);
+        }
+        if let Some(fold) = self.fold.as_ref().filter(|fold| fold.pushes) {
+            let stiffness = step_s * FOLD_NEWTON_PER_M;
+            coupled.add_row(&fold.parting, step_s * stiffness, -stiffness * fold.over_m);
         }
         let mut turns = |(body, lever): (usize, Vector3<f64>), force_n: Vector3<f64>| {
             coupled.add_turning(body, &lever, step_s * step_s * force_n.dot(&lever));
@@ -234,6 +263,29 @@ impl Held {
             turns(other, -self.force_n);
         }
     }
+}
+
+impl Fold {
+    /// Of a body and the one that it is tied to.
+    fn of((body, to): (usize, usize), movers: &[Mover], tract: &Tract) -> Self {
+        let place = |index: usize| movers[index].station.arc_length_m;
+        let (anal, oral) = if place(body) >= place(to) { (body, to) } else { (to, body) };
+        let row = |index: usize| (index, Row::new(&movers[index].station.tangent, &Vector3::zeros()));
+        let over_m = place(anal) - place(oral) - spared_m(&movers[body], &movers[to], tract);
+        Self { parting: Relative { one: row(anal), other: Some(row(oral)) }, over_m, pushes: true }
+    }
+
+    fn update(&mut self, twists: &[Twist], step_s: f64) -> bool {
+        let pushed = self.pushes;
+        self.pushes = self.over_m + step_s * self.parting.velocity(twists) > 0.0;
+        pushed == self.pushes
+    }
+}
+
+/// How far apart along the tract two bodies are at most that are joined end to end, m: their lengths, and what the inner side of a bend spares.
+fn spared_m(a: &Mover, b: &Mover, tract: &Tract) -> f64 {
+    let radius_m = tract.radius.radius_m(a.station.arc_length_m.min(b.station.arc_length_m));
+    0.5 * (a.shape.length_m + b.shape.length_m) + 2.0 * radius_m
 }
 
 /// Whether they are at the same place of the tract.
@@ -338,8 +390,8 @@ mod tests {
 
     const STEP_S: f64 = 1.0 / 240.0;
 
-    /// Two capsules far from any wall, which no force acts upon.
-    fn movers(poses: [Isometry3<f64>; 2], twists: [Twist; 2]) -> Vec<Mover> {
+    /// A straight ileum along z.
+    fn tract() -> Tract {
         let key = SegmentKey::Ileum;
         let points_m = (0..=10).map(|i| Point3::new(0.0, 0.0, 0.02 * f64::from(i))).collect();
         let segment = SegmentPoints {
@@ -349,15 +401,19 @@ mod tests {
             wall: key.default_wall(),
             source: String::new(),
         };
-        let ends = (End::Closed, End::Exit);
         let draft = TractDraft {
             name: "t".into(),
             segments: vec![segment],
-            ends,
+            ends: (End::Closed, End::Exit),
             torso_half_extents_m: None,
             source: String::new(),
         };
-        let tract = draft.build().unwrap().0;
+        draft.build().unwrap().0
+    }
+
+    /// Two capsules far from any wall, which no force acts upon.
+    fn movers(poses: [Isometry3<f64>; 2], twists: [Twist; 2]) -> Vec<Mover> {
+        let tract = tract();
         let shapes = [(0.0055, 0.026, 0.0033), (0.003, 0.010, 0.0004)];
         let all = shapes.into_iter().zip(poses).zip(twists);
         all.map(|(((radius_m, length_m, mass_kg), pose), twist)| {
@@ -405,7 +461,7 @@ mod tests {
         let mut movers = movers(apart(Vector3::new(0.002, 0.006, 0.008)), MEETING);
         let before = momenta(&movers, &MEETING);
         let mut together = Together::default();
-        let after = together.solve(&mut movers, &EngineConfig::default(), STEP_S).to_vec();
+        let after = together.solve(&mut movers, &tract(), &EngineConfig::default(), STEP_S).to_vec();
         assert!(together.touches.iter().any(|touch| touch.pushes && touch.friction_n_s_m > 0.0));
         let changed = (after[1].linear - MEETING[1].linear).norm();
         assert!(changed > 0.01, "{changed} m/s");
@@ -423,7 +479,7 @@ mod tests {
         let mut together = Together::default();
         together.join(Joint { body: 1, place, to: Tie::Body(0, Point3::new(0.013, 0.0, 0.0)) });
         let before = momenta(&movers, &MEETING);
-        let after = together.solve(&mut movers, &EngineConfig::default(), STEP_S).to_vec();
+        let after = together.solve(&mut movers, &tract(), &EngineConfig::default(), STEP_S).to_vec();
         assert!(together.touches.is_empty(), "what is joined does not touch");
         // The turn of the levers within the step is a torque on one body alone: the angular momentum changes where a joint jerks.
         let changed = (momenta(&movers, &after)[0] - before[0]).norm();
@@ -451,7 +507,7 @@ mod tests {
             let (axial, transverse) = (inertia.axial_kg_m2, inertia.transverse_kg_m2);
             mover.system = System::new(inertia.mass_kg, axial, transverse, &axis, &mover.twist);
             mover.system.add_impulse(&Vector3::new(0.0, 0.05 * STEP_S, 0.0), &Vector3::zeros());
-            let twist = together.solve(&mut movers, &EngineConfig::default(), STEP_S)[0];
+            let twist = together.solve(&mut movers, &tract(), &EngineConfig::default(), STEP_S)[0];
             movers[0].twist = twist;
             movers[0].pose.translation.vector += twist.linear * STEP_S;
         }
