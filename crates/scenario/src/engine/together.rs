@@ -493,6 +493,26 @@ mod tests {
     }
 
     #[test]
+    fn law_a_fold_draws_together_what_is_too_far_apart_along_the_tract() {
+        // Joined end to end they are at most 18 mm of lengths and 40 mm of lumen apart.
+        let joint = Joint { body: 1, place: Point3::origin(), to: Tie::Gut(Point3::origin()) };
+        for (apart_m, drawn, told) in [(0.05, false, false), (0.06, true, false), (0.07, true, true)] {
+            let poses = apart(Vector3::new(0.0, 0.0, apart_m));
+            let mut movers = movers(poses, [Twist::REST; 2]);
+            // Places that are joined already: nothing but the fold pulls.
+            let place = poses[1].inverse() * Point3::from(poses[0].translation.vector);
+            let mut together = Together::default();
+            together.join(Joint { place, to: Tie::Body(0, Point3::origin()), ..joint });
+            let found = Held::of(&together.joints[0], &movers, &tract()).and_then(|held| held.fold);
+            let over_m = found.map_or(f64::NAN, |fold| fold.over_m);
+            assert!((over_m - (apart_m - 0.058)).abs() < 1e-9, "{over_m}");
+            together.solve(&mut movers, &tract(), &EngineConfig::default(), STEP_S);
+            assert_eq!(together.held[0].fold.is_some_and(|fold| fold.pushes), drawn, "{apart_m}");
+            assert_eq!(together.short_cut_m(&movers, &tract()).is_some(), told, "{apart_m}");
+        }
+    }
+
+    #[test]
     fn closed_form_a_pull_stretches_a_joint_by_its_stiffness() {
         // A capsule tied to the gut by its middle, under 0.05 N times the step: held at F/k.
         let rest = [Twist::REST; 2];
