@@ -44,8 +44,10 @@ const DEEPEST_M: f64 = 2e-4;
 const NEAR_M: f64 = 5e-4;
 /// Pairs of nearest points closer together than this are one, m.
 const SAME_M: f64 = 5e-4;
-/// Iterations of friction and of which contacts push.
-const MOST_ITERATIONS: usize = 16;
+/// Iterations of friction and of which contacts push; and of those after which no contact begins to push any more. In a heap of bodies contacts may take turns for
+/// ever; what matters is that none is left which pulls.
+const MOST_ITERATIONS: usize = 64;
+const FREE_ITERATIONS: usize = 16;
 /// Relative and absolute change of a slip at which the iteration ends.
 const SLIP_TOLERANCE: f64 = 2e-2;
 const SLIP_TOLERANCE_M_S: f64 = 1e-7;
@@ -141,28 +143,30 @@ impl Together {
         let slides = self.touches.iter().flat_map(|touch| &touch.slides);
         let rows = self.held.iter().flat_map(|held| &held.rows).chain(slides);
         self.coupled.shape(movers.len(), rows);
-        self.update(movers, config, step_s);
-        for _ in 0..MOST_ITERATIONS {
+        self.update(movers, config, step_s, false);
+        for iteration in 0..MOST_ITERATIONS {
+            let late = iteration >= FREE_ITERATIONS;
             self.fill(movers, step_s);
             // It always is positive definite: masses are.
-            if !self.coupled.solve(&mut self.twists) || self.update(movers, config, step_s) {
+            if !self.coupled.solve(&mut self.twists) || self.update(movers, config, step_s, late) {
                 break;
             }
         }
         &self.twists
     }
 
-    /// Takes forces from the present velocities; whether they are what the last solve used.
-    fn update(&mut self, movers: &mut [Mover], config: &EngineConfig, step_s: f64) -> bool {
+    /// Takes forces from the present velocities; whether they are what the last solve used. `late`: nothing begins to push, and that
+    /// nothing pulls is enough.
+    fn update(&mut self, movers: &mut [Mover], config: &EngineConfig, step_s: f64, late: bool) -> bool {
         let mut settled = true;
         for (mover, twist) in movers.iter_mut().zip(&self.twists) {
-            settled &= mover.contacts.update(twist, mover.friction, config, step_s);
+            settled &= mover.contacts.update(twist, mover.friction, config, step_s) || late;
         }
         for held in &mut self.held {
-            settled &= held.update(&self.twists, step_s);
+            settled &= held.update(&self.twists, step_s, late);
         }
         for touch in &mut self.touches {
-            settled &= touch.update(&self.twists, config, step_s);
+            settled &= touch.update(&self.twists, config, step_s, late);
         }
         settled
     }
@@ -240,10 +244,10 @@ impl Held {
     }
 
     /// Takes the forces from `twists`; whether the fold pushes as it did.
-    fn update(&mut self, twists: &[Twist], step_s: f64) -> bool {
+    fn update(&mut self, twists: &[Twist], step_s: f64, late: bool) -> bool {
         let parting_m_s = Vector3::from(self.rows.map(|row| row.velocity(twists)));
         self.force_n = -JOINT_NEWTON_PER_M * (self.apart_m + step_s * parting_m_s);
-        self.fold.as_mut().is_none_or(|fold| fold.update(twists, step_s))
+        self.fold.as_mut().is_none_or(|fold| fold.update(twists, step_s, late))
     }
 
     fn add_to(&self, coupled: &mut Coupled, step_s: f64) {
@@ -275,9 +279,9 @@ impl Fold {
         Self { parting: Relative { one: row(anal), other: Some(row(oral)) }, over_m, pushes: true }
     }
 
-    fn update(&mut self, twists: &[Twist], step_s: f64) -> bool {
+    fn update(&mut self, twists: &[Twist], step_s: f64, late: bool) -> bool {
         let pushed = self.pushes;
-        self.pushes = self.over_m + step_s * self.parting.velocity(twists) > 0.0;
+        self.pushes = (pushed || !late) && self.over_m + step_s * self.parting.velocity(twists) > 0.0;
         pushed == self.pushes
     }
 }
@@ -357,12 +361,12 @@ impl Touch {
         })
     }
 
-    fn update(&mut self, twists: &[Twist], config: &EngineConfig, step_s: f64) -> bool {
+    fn update(&mut self, twists: &[Twist], config: &EngineConfig, step_s: f64, late: bool) -> bool {
         let normal_n = CONTACT_NEWTON_PER_M * (self.overlap_m + step_s * self.push.velocity(twists));
-        let pushes = normal_n > 0.0;
+        let pushes = (self.pushes || !late) && normal_n > 0.0;
         let slip_m_s = self.slides[0].velocity(twists).hypot(self.slides[1].velocity(twists));
-        let settled = pushes == self.pushes
-            && (slip_m_s - self.slip_m_s).abs() <= SLIP_TOLERANCE * slip_m_s + SLIP_TOLERANCE_M_S;
+        let slips_alike = (slip_m_s - self.slip_m_s).abs() <= SLIP_TOLERANCE * slip_m_s + SLIP_TOLERANCE_M_S;
+        let settled = pushes == self.pushes && (slips_alike || late);
         (self.pushes, self.slip_m_s) = (pushes, slip_m_s);
         let v0 = config.regularisation_m_s.0;
         let secant = if slip_m_s < 1e-8 * v0 { 1.0 / v0 } else { (slip_m_s / v0).tanh() / slip_m_s };
