@@ -11,6 +11,8 @@ use crate::motility_config::{MotilityConfig, Rhythm, WaveConfig};
 pub(crate) const LARGEST_AMPLITUDE: f64 = 0.98;
 /// Fastest rate at one place, 1/s.
 const FASTEST_HZ: f64 = 2.0;
+/// Fastest growth of waves, 1/s: to twice within a second.
+const FASTEST_GROWTH_PER_S: f64 = 1.0;
 /// Speeds of a travelling wave, m/s. The slowest wave known creeps at a millimetre a second.
 const SPEEDS_M_S: [f64; 2] = [1e-5, 1.0];
 /// Widths, m.
@@ -159,7 +161,12 @@ impl MotilityConfig {
         let sum: f64 = self.mmc.fractions.iter().map(|fraction| fraction.0).sum();
         in_range("mmc.fractions (their sum)", sum, 0.999, 1.001)?;
         in_range("oesophagus.swallow_time_s", self.oesophagus.swallow_time_s.0, 0.0, LATEST_S)?;
-        in_range("oesophagus.further_growth_per_s", self.oesophagus.further_growth_per_s.0, 0.0, FASTEST_HZ)?;
+        in_range(
+            "oesophagus.further_growth_per_s",
+            self.oesophagus.further_growth_per_s.0,
+            0.0,
+            FASTEST_GROWTH_PER_S,
+        )?;
         among("oesophagus.speed_m_s", self.oesophagus.speed_m_s.0, SPEEDS_M_S)?;
         in_range("oesophagus.amplitude", self.oesophagus.amplitude.0, 0.0, LARGEST_AMPLITUDE)?;
         among("oesophagus.width_m", self.oesophagus.width_m.0, WIDTHS_M)?;

@@ -240,8 +240,9 @@ impl World for EngineWorld {
             }
             self.remember();
             let state = self.engine.state_in_gut();
-            if !state.world_from_capsule.translation.vector.iter().all(|v| v.is_finite()) {
-                let what = "the capsule's position is not finite".to_owned();
+            if !self.engine.is_sound() {
+                let what =
+                    "the position of the capsule, or of what is loose beside it, is not finite".to_owned();
                 return Err(ScenarioError::Engine { at_s: state.at.seconds(), what });
             }
         }

@@ -1,6 +1,6 @@
 //! `[[tract.loose]]` and `[tract.tether]`: what is loose in the tract beside the capsule.
 
-use crate::engine::{Engine, EngineError, Loose, Tether, ends_of};
+use crate::engine::{DENSITIES_KG_M3, Engine, EngineError, Loose, Tether, ends_of};
 use crate::places::arc_length_m;
 use lumenav_anatomy::segment::SegmentKey;
 use lumenav_anatomy::tract::Tract;
@@ -80,6 +80,11 @@ impl LooseTable {
             return Err(node.error_at("radius_mm", &format!("{radius_mm} mm; allowed: {low} to {high}")));
         }
         let density_kg_m3 = self.density_kg_m3.map_or(RESIDUE_KG_M3, |density| density.0);
+        let [low, high] = DENSITIES_KG_M3;
+        if !(low..=high).contains(&density_kg_m3) {
+            let message = format!("{density_kg_m3} kg/m³; allowed: {low} to {high}");
+            return Err(node.error_at("density_kg_m3", &message));
+        }
         let radius_m = 1e-3 * radius_mm;
         let mass_kg = density_kg_m3 * 4.0 / 3.0 * PI * radius_m * radius_m * radius_m;
         Ok(CapsuleBody { radius_m, length_m: 2.0 * radius_m, mass_kg })
@@ -88,6 +93,16 @@ impl LooseTable {
     fn second(&self, capsule: &CapsuleBody, node: &Node) -> Result<CapsuleBody, ConfigError> {
         if self.density_kg_m3.is_some() {
             return Err(node.error_at("density_kg_m3", "a capsule has none; it has `mass_g`"));
+        }
+        // As those of the capsule itself.
+        for (key, set, low, high) in [
+            ("radius_mm", self.radius_mm, 0.05, 50.0),
+            ("length_mm", self.length_mm, 0.1, 1000.0),
+            ("mass_g", self.mass_g, 1e-3, 1e4),
+        ] {
+            if let Some(value) = set.filter(|value| !(low..=high).contains(&value.0)) {
+                return Err(node.error_at(key, &format!("{}; allowed: {low} to {high}", value.0)));
+            }
         }
         let or = |set: Option<Positive>, usual: f64| set.map_or(usual, |value| 1e-3 * value.0);
         let body = CapsuleBody {
@@ -114,7 +129,7 @@ pub struct TetherTable {
     /// Radius, mm. Default 1.
     #[serde(default = "radius_mm")]
     pub radius_mm: Positive,
-    /// Length of a link of the chain it is made of, mm. Default 20.
+    /// Length of a link of the chain it is made of, mm, at most. Default 20.
     #[serde(default = "link_mm")]
     pub link_mm: Positive,
     /// Density, kg/m³. Default 1200.
@@ -166,7 +181,7 @@ pub(crate) fn insert_all(
 ) -> Result<(), ConfigError> {
     for (table, node) in tables.iter().zip(&node.children("loose")?) {
         let loose = table.place(engine.tract(), capsule, node)?;
-        engine.insert_loose(&loose).map_err(|error| node.error(&error.to_string()))?;
+        engine.insert_loose(&loose).map_err(|error| node.error_at("at_mm", &error.to_string()))?;
     }
     if let Some(table) = tether {
         let node = node.child_or_empty("tether");
@@ -178,7 +193,7 @@ pub(crate) fn insert_all(
 /// The error at the key of the table, in its unit.
 fn at_tether(error: &EngineError, node: &Node) -> ConfigError {
     let EngineError::OutOfRange { name, value, low, high } = error else {
-        return node.error(&error.to_string());
+        return node.error_at("length_mm", &error.to_string());
     };
     let (key, unit) = match *name {
         "radius_m" => ("radius_mm", 1e3),
@@ -189,7 +204,12 @@ fn at_tether(error: &EngineError, node: &Node) -> ConfigError {
     let message = if high < low {
         "there is no room for it between the mouth's end of the tract and the capsule; start the capsule further on".to_owned()
     } else {
-        format!("{} is not allowed here; it must be from {} to {}", unit * value, unit * low, unit * high)
+        format!(
+            "{:.4} is not allowed here; it must be from {:.4} to {:.4}",
+            unit * value,
+            unit * low,
+            unit * high
+        )
     };
     node.error_at(key, &message)
 }

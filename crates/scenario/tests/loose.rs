@@ -87,7 +87,7 @@ fn law_a_capsule_pushes_residue_before_it() {
         assert!(s_m > state.arc_length_m, "the ball fell behind at {:.1} s", 0.25 * f64::from(k));
     }
     // They touch, and do not enter each other.
-    assert!(pushed && (-5e-4..5e-4).contains(&nearest_m), "{pushed}, {nearest_m} m");
+    assert!(pushed && (-5e-5..5e-4).contains(&nearest_m), "{pushed}, {nearest_m} m");
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn law_two_capsules_do_not_enter_each_other() {
     }
     let second_m = engine.loose().next().unwrap().2;
     assert!(second_m > 0.25 && second_m - engine.state().arc_length_m > 0.02, "{second_m}");
-    assert!((-5e-4..5e-4).contains(&nearest_m), "{nearest_m} m");
+    assert!((-5e-5..5e-4).contains(&nearest_m), "{nearest_m} m");
 }
 
 #[test]
@@ -177,7 +177,7 @@ fn closed_form_a_held_tether_lets_a_capsule_go_as_far_as_it_reaches() {
     assert!(alone_m > 0.15 && free_m > 0.15, "{alone_m}, {free_m}");
     // The wave passes under it, and behind the wave it is pushed back a little.
     assert!((-0.015..0.002).contains(&held_m), "{held_m}");
-    assert!(apart_m < 1e-3 && free_apart_m < 1e-3, "{apart_m}, {free_apart_m}");
+    assert!(apart_m < 5e-5 && free_apart_m < 5e-5, "{apart_m}, {free_apart_m}");
 }
 
 #[test]
@@ -204,14 +204,56 @@ fn law_a_snapshot_holds_what_is_loose() {
     assert!(matches!(without.restore(&snapshot), Err(EngineError::Snapshot { .. })));
 }
 
-#[test]
-fn law_what_has_left_is_in_nobodys_way() {
+/// A ball before a capsule, both of which slide out of the tract; the ball has left and the capsule has not.
+fn left_by_a_ball(others: &[Loose]) -> Engine {
+    let mut engine = sliding(others);
+    for k in 1..=600 {
+        engine.advance_to(SimTime::from_seconds(0.1 * f64::from(k)));
+        let z_m = engine.loose().next().unwrap().1.translation.z;
+        if z_m > 0.4 {
+            assert!(z_m < 0.41 && !engine.state().left, "{z_m}");
+            return engine;
+        }
+    }
+    panic!("the ball did not leave");
+}
+
+fn sliding(others: &[Loose]) -> Engine {
     let mut engine = engine(0.0085, true);
     engine.insert_loose(&ball(0.005, 0.395)).unwrap();
+    for other in others {
+        engine.insert_loose(other).unwrap();
+    }
     engine.set_gravity_torso(&Vector3::new(0.0, 0.0, 30.0));
-    engine.advance_to(SimTime::from_seconds(60.0));
-    let (_, pose, s_m) = engine.loose().next().unwrap();
-    assert!(s_m >= 0.4 - 1e-9 && pose.translation.z > 0.4 && pose.translation.z < 0.41, "{pose}");
+    engine
+}
+
+#[test]
+fn law_what_has_left_is_in_nobodys_way() {
+    let mut engine = left_by_a_ball(&[]);
+    let pose = engine.loose().next().unwrap().1;
+    // The capsule comes through where it rests.
+    let from_s = engine.time().seconds();
+    engine.advance_to(SimTime::from_seconds(from_s + 600.0));
+    assert!(engine.state().left, "at {} m", engine.state().arc_length_m);
+    assert_eq!(engine.loose().next().unwrap().1, pose);
+}
+
+#[test]
+fn law_a_snapshot_holds_what_has_left() {
+    // Alone afterwards, and with another ball, with which the capsule is solved together.
+    for others in [vec![], vec![ball(0.004, 0.15)]] {
+        let mut whole = left_by_a_ball(&others);
+        let mut resumed = sliding(&others);
+        resumed.restore(&whole.snapshot()).unwrap();
+        let (before_m, from_s) = (resumed.state().arc_length_m, resumed.time().seconds());
+        for engine in [&mut whole, &mut resumed] {
+            engine.advance_to(SimTime::from_seconds(from_s + 1.0));
+            assert!(engine.is_sound());
+        }
+        assert!(resumed.state().arc_length_m > before_m + 1e-4, "it stands still");
+        assert_eq!(whole.snapshot(), resumed.snapshot());
+    }
 }
 
 /// The folded jejunum of a shipped gut with phase III all along it.
@@ -308,6 +350,9 @@ fn law_tables_say_what_is_loose() {
         ("kind = \"capsule\"\nat_mm = 200\ndensity_kg_m3 = 2", ":4:", "mass_g"),
         ("kind = \"capsule\"\nat_mm = 200\nradius_mm = 14", ":4:", "26.0 mm"),
         ("kind = \"capsule\"\nat_mm = 200\nlength_mm = 9", ":4:", "9.0 mm"),
+        ("kind = \"residue\"\nat_mm = 200\nradius_mm = 3\ndensity_kg_m3 = 1e300", ":5:", "20000"),
+        ("kind = \"capsule\"\nat_mm = 200\nlength_mm = 1e6", ":4:", "1000"),
+        ("kind = \"capsule\"\nat_mm = 200\nmass_g = 1e-9", ":4:", "10000"),
         ("kind = \"worm\"\nat_mm = 200", ":2:", "residue"),
     ] {
         let error = place(text).unwrap_err().to_string();
@@ -332,7 +377,25 @@ fn law_impossible_bodies_are_refused() {
     ] {
         assert!(matches!(engine.attach_tether(&tether), Err(EngineError::OutOfRange { .. })), "{tether:?}");
     }
-    assert_eq!(engine.loose().count(), 0);
+    let longest = Tether { length_m: 0.0868, ..TETHER };
+    assert!(engine.attach_tether(&longest).is_ok());
+    assert!(matches!(engine.attach_tether(&longest), Err(EngineError::TetherTwice)));
+    let links = engine.loose().count();
+    assert_eq!(links, 9);
+    // In the capsule, in a link, beside both.
+    for (place_m, free) in [(0.105, false), (0.06, false), (0.15, true), (0.152, false)] {
+        let inserted = engine.insert_loose(&ball(0.004, place_m));
+        assert_eq!(inserted.is_ok(), free, "{place_m}: {inserted:?}");
+        assert!(free || matches!(inserted, Err(EngineError::Occupied { .. })), "{inserted:?}");
+    }
+    assert_eq!(engine.loose().count(), links + 1);
+    // Links of 10 cm find no room in the folds of a jejunum.
+    let stiff = Tether { length_m: 0.2, link_m: 0.1, ..TETHER };
+    assert!(matches!(folded().attach_tether(&stiff), Err(EngineError::TetherRoom { .. })));
+    // 140 mm of 20 mm are seven.
+    let mut engine = folded();
+    engine.attach_tether(&Tether { length_m: 0.14, link_m: 0.02, ..TETHER }).unwrap();
+    assert_eq!(engine.loose().count(), 7);
 }
 
 /// All of the shipped gut of an average man.
@@ -367,6 +430,14 @@ fn size(full: (u64, u32), short: (u64, u32)) -> (u64, u32) {
     if std::env::var("LUMENAV_FULL").is_ok_and(|v| v == "1") { full } else { short }
 }
 
+/// Leaves out what a bend brings into another body.
+fn insert_where_free(engine: &mut Engine, loose: &Loose) -> Result<(), EngineError> {
+    match engine.insert_loose(loose) {
+        Err(EngineError::Occupied { .. }) => Ok(()),
+        other => other,
+    }
+}
+
 /// Of a seed: some residue of any size, now and then a second capsule before the capsule.
 fn crowded(seed: u64, start_m: f64, tract: &Arc<Tract>) -> Result<Engine, EngineError> {
     let drawn = |which: u64| drawn(seed, which);
@@ -376,12 +447,12 @@ fn crowded(seed: u64, start_m: f64, tract: &Arc<Tract>) -> Result<Engine, Engine
         let radius_m = 0.001 + 0.006 * drawn(k);
         place_m += radius_m + 0.01 * drawn(10 + k);
         if place_m < tract.length_m() {
-            engine.insert_loose(&ball(radius_m, place_m))?;
+            insert_where_free(&mut engine, &ball(radius_m, place_m))?;
         }
         place_m += radius_m;
     }
     if drawn(20) < 0.5 && place_m + 0.02 < tract.length_m() {
-        engine.insert_loose(&Loose { shape: CAPSULE, arc_length_m: place_m + 0.015 })?;
+        insert_where_free(&mut engine, &Loose { shape: CAPSULE, arc_length_m: place_m + 0.015 })?;
     }
     Ok(engine)
 }

@@ -182,7 +182,7 @@ fn law_meals_and_faults_are_told_when_they_begin_and_end() {
     let text = in_a_tube(
         "pillcam-magnet",
         "20.0",
-        "[motility]\nspontaneous = false\n[[motility.fault]]\nkind = \"reflux\"\nstart_s = 4\nend_s = 9\n\
+        "[motility]\nspontaneous = false\n[[motility.fault]]\nkind = \"ileus\"\nstart_s = 4\nend_s = 9\n\
          [[motility.meal]]\nstart_s = 6\nduration_s = 30",
     );
     let node = Node::parse_text(&text, "s.toml", Path::new(""), &[]).unwrap();
@@ -195,9 +195,9 @@ fn law_meals_and_faults_are_told_when_they_begin_and_end() {
         told.extend(notes.map(|note| (note.at.seconds(), note.text)));
     }
     let expected = [
-        (4.0, "motility: reflux begins, 0 % of the contractions are left"),
+        (4.0, "motility: ileus begins, 0 % of the contractions are left"),
         (6.0, "motility: a meal is digested"),
-        (9.0, "motility: reflux ends"),
+        (9.0, "motility: ileus ends"),
     ];
     assert_eq!(told, expected.map(|(at_s, text)| (at_s, text.to_owned())));
 }

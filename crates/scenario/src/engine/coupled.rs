@@ -83,6 +83,12 @@ impl Coupled {
         self.right[body] += right;
     }
 
+    /// Of a body that takes no part: it stays at rest.
+    pub(super) fn add_absent(&mut self, body: usize) {
+        let at = self.at(body, body);
+        self.blocks[at] = Matrix6::identity();
+    }
+
     /// Adds `weight J Jᵀ` to the matrix and `impulse J` to the right-hand side.
     pub(super) fn add_row(&mut self, relative: &Relative, weight: f64, impulse: f64) {
         let (one, j) = (relative.one.0, relative.one.1.vector());

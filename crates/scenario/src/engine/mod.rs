@@ -30,9 +30,9 @@
 //! Time is the number of steps: step n is at `n / step_rate_hz`, to the nanosecond, however long the exam.
 //!
 //! Determinism: one thread, no clock, no random numbers but those of the motility's named streams. A snapshot holds the
-//! capsule's exact state; the motility is a pure function of time.
+//! exact state of all bodies; the motility is a pure function of time.
 //!
-//! Neglected: added mass of the fluid, lift, the flow of the contents, the wall's own inertia, and of a moving patient the torque that
+//! Neglected: added mass of the fluid, that a long body broadside has more drag than end on, lift, the flow of the contents, the wall's own inertia, and of a moving patient the torque that
 //! turns the capsule with the gut.
 
 mod bends;
@@ -58,6 +58,7 @@ pub use body::Obstacle;
 pub use config::EngineConfig;
 pub use events::{EngineEvent, EventKind};
 pub use fuzz::{FuzzReport, TOLERANCE_M, fuzz_inside_lumen};
+pub(crate) use loose::DENSITIES_KG_M3;
 pub use loose::{Loose, Tether, ends_of};
 pub use settle::Settled;
 
@@ -128,6 +129,31 @@ pub enum EngineError {
         /// Mass, kg.
         mass_kg: f64,
     },
+    /// Something loose would be where another body is.
+    #[error("another body is there: at {:.1} mm it would be in the one at {:.1} mm", 1e3 * arc_length_m, 1e3 * other_m)]
+    Occupied {
+        /// Where it would be, arc length, m.
+        arc_length_m: f64,
+        /// Where the other one is, m.
+        other_m: f64,
+    },
+    /// The tract has no room for a link.
+    #[error(
+        "link {} finds no room at {:.1} mm: the tract ends before it, or bends more than so long a link can; a shorter tether, shorter links, or a capsule further on",
+        index + 1, 1e3 * arc_length_m
+    )]
+    TetherRoom {
+        /// Its number from the capsule on, from 0.
+        index: usize,
+        /// Where it begins, m.
+        arc_length_m: f64,
+    },
+    /// A second tether, or one for a capsule that has moved.
+    #[error("a tether is tied once, before the first step")]
+    TetherTwice,
+    /// Nothing would stop links at the tract's oral end.
+    #[error("a tether needs a tract whose oral end is closed")]
+    TetherOpen,
     /// The wall does not hold the capsule where it was put.
     #[error(
         "the wall does not hold the capsule where it starts: put at {:.1} mm, it is at {:.1} mm and moves at {:.1} mm/s instead of coming to \
@@ -188,8 +214,10 @@ pub struct Engine {
     /// The capsule first, then what is loose; in the order of their bodies.
     movers: Vec<Mover>,
     together: Together,
+    /// The system of all had no solution: what comes after is no truth.
+    broken: bool,
     /// What was put in beside the capsule, in words: part of the fingerprint.
-    loose: String,
+    inserted: String,
     caps: [Option<Cap>; 2],
     /// Without a patient: the torso's axes are the world's.
     gravity_world_m_s2: Vector3<f64>,
@@ -237,7 +265,8 @@ impl Engine {
             bodies,
             movers: vec![mover],
             together: Together::default(),
-            loose: String::new(),
+            broken: false,
+            inserted: String::new(),
             caps: caps(&tract),
             gravity_world_m_s2: Vector3::from(config.gravity_torso_m_s2.map(|g| g.0)),
             patient: None,
@@ -305,6 +334,12 @@ impl Engine {
         &self.lumen
     }
 
+    /// Whether all bodies are where numbers say, and every step had a solution.
+    pub fn is_sound(&self) -> bool {
+        let finite = |index: usize| self.bodies.pose(index).translation.vector.iter().all(|v| v.is_finite());
+        !self.broken && (0..self.movers.len()).all(finite)
+    }
+
     /// What happened during the last [`Engine::step`] or [`Engine::advance_to`].
     pub fn events(&self) -> &[EngineEvent] {
         &self.events
@@ -343,6 +378,11 @@ impl Engine {
         self.look();
     }
 
+    /// Whether nothing loose is in the tract (any more).
+    fn is_alone(&self) -> bool {
+        self.movers[CAPSULE + 1..].iter().all(|mover| mover.left)
+    }
+
     fn capsule(&self) -> &Mover {
         &self.movers[CAPSULE]
     }
@@ -358,7 +398,7 @@ impl Engine {
                 self.meet_wall(index, time_s, clock_s, &NO_WRENCH);
             }
         }
-        let reaction = if self.movers.len() == 1 { self.solve_alone() } else { self.solve_together() };
+        let reaction = if self.is_alone() { self.solve_alone() } else { self.solve_together() };
         self.bodies.step();
         self.take_state(&before, &reaction, time_s + clock_s);
         self.follow_loose();
@@ -394,7 +434,11 @@ impl Engine {
 
     /// Gives all their velocities at the end of the step; returns what the wall does to the capsule.
     fn solve_together(&mut self) -> Reaction {
-        let twists = self.together.solve(&mut self.movers, &self.tract, &self.config, self.step_s);
+        let Some(twists) = self.together.solve(&mut self.movers, &self.tract, &self.config, self.step_s)
+        else {
+            self.broken = true;
+            return self.movers[CAPSULE].contacts.reaction(Twist::REST);
+        };
         for (index, twist) in twists.iter().enumerate() {
             if !self.movers[index].left {
                 self.bodies.set_twist(index, twist);

@@ -3,7 +3,7 @@
 //! In phase I of the small bowel nothing contracts for three quarters of an hour. A capsule whose surface has moved slower than
 //! [`SLEEPING_M_S`] for [`SLEEPY_FOR_S`] is put to rest (no velocity) and left there until a wave comes within reach
 //! ([`lumenav_anatomy::lumen::Lumen::still_until_s`]), the patient moves the gut ([`crate::patient::Patient::still_until_s`]; with
-//! every breath), gravity turns or the wrench changes. With loose things beside it a capsule never sleeps. What this leaves out is the creep of the
+//! every breath), gravity turns or the wrench changes. With loose things in the tract a capsule never sleeps. What this leaves out is the creep of the
 //! regularised friction, microns per second at most, which no real friction has.
 //!
 //! Waking depends on the motility, the patient and the capsule's place alone, so that steps and jumps end in the same bits.
@@ -40,7 +40,7 @@ impl Engine {
         let spin = self.bodies.pose(CAPSULE).rotation.inverse() * self.bodies.twist(CAPSULE).angular;
         let surface_m_s = self.fastest_end_m_s() + spin.x.abs() * self.capsule().shape.radius_m;
         // What is loose beside it may move it at any time.
-        let alone = self.movers.len() == 1;
+        let alone = self.is_alone();
         let rests = self.config.sleep && alone && !self.capsule().left && surface_m_s < SLEEPING_M_S;
         self.sleep.rested_steps = if rests { self.sleep.rested_steps + 1 } else { 0 };
         if self.sleep.rested_steps as f64 * self.step_s < SLEEPY_FOR_S {

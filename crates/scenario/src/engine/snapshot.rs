@@ -1,6 +1,6 @@
 //! Snapshots: the exact state of an engine as bytes, from which a run continues bit by bit.
 //!
-//! Little-endian: magic `LNVE`, version (u32), a fingerprint of configuration, capsule and tract (u64), then the state in the
+//! Little-endian: magic `LNVE`, version (u32), a fingerprint of configuration, bodies, joints and tract (u64), then the state in the
 //! order of [`Engine::snapshot`]. The motility is not in it: it is a pure function of time, and is replayed on restoring
 //! (0.1 s for eight hours). Neither is the patient, another pure function of time. A snapshot belongs to an engine built from the same scenario; the fingerprint tells others.
 
@@ -167,7 +167,9 @@ impl Engine {
             return Err(EngineError::Snapshot { reason: "another version" });
         }
         if from.whole()? != self.fingerprint() {
-            return Err(EngineError::Snapshot { reason: "another configuration, capsule or tract" });
+            return Err(EngineError::Snapshot {
+                reason: "another configuration, capsule, tract, or other things in it",
+            });
         }
         let step_index = from.whole()?;
         let gravity_world_m_s2 = from.vector()?;
@@ -241,7 +243,8 @@ impl Engine {
             hash.0
         });
         let mut hash = Fnv(*constant);
-        hash.add(&format_args!("{}{:?}{}", self.bodies.obstacles(), self.lumen.diverticula(), self.loose));
+        hash.add(&format_args!("{}{:?}", self.bodies.obstacles(), self.lumen.diverticula()));
+        hash.add(&format_args!("{}{:?}", self.inserted, self.together.joints()));
         hash.0
     }
 }

@@ -11,7 +11,7 @@
 //! force on the capsule = -F_n g
 //! ```
 //!
-//! k is the segment's stiffness times `1 + contraction_stiffening x closed fraction`: muscle in tone is stiff.
+//! k is the segment's stiffness, which with c, F0 and c_v below belongs to a capsule's surface (others have them by the ratio of theirs), times `1 + contraction_stiffening x closed fraction`: muscle in tone is stiff.
 //!
 //! The normal force is, at a given tone, the gradient of ½kp², so a wall at rest neither gives nor takes energy but by its damping, and where
 //! the lumen opens towards the anus (`R_s > 0`, behind a contraction's centre that comes from the mouth) it pushes by
@@ -55,6 +55,7 @@ use lumenav_anatomy::tract::Tract;
 use lumenav_core::CapsuleBody;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
+use std::sync::Arc;
 
 /// Rings along the capsule.
 pub(crate) const RINGS: usize = 5;
@@ -176,7 +177,8 @@ pub(crate) struct Reaction {
 pub(crate) struct WallContacts {
     rings: Rings,
     surface: f64,
-    bends: Bends,
+    /// Shared by bodies of one shape.
+    bends: Arc<Bends>,
     contacts: Vec<Contact>,
     feet_m: [f64; RINGS],
 }
@@ -184,7 +186,7 @@ pub(crate) struct WallContacts {
 impl WallContacts {
     /// For a body with these rings in `tract`; `surface`: its surface over the capsule's, to which stiffness, damping, F0 and c_v belong.
     pub(crate) fn new(rings: Rings, tract: &Tract, surface: f64) -> Self {
-        let bends = Bends::of(tract, &rings);
+        let bends = Arc::new(Bends::of(tract, &rings));
         Self { rings, surface, bends, contacts: Vec::with_capacity(MOST_CONTACTS), feet_m: [0.0; RINGS] }
     }
 
