@@ -241,10 +241,11 @@ fn posture(seed: u64, start_m: f64) -> EngineConfig {
     let turn =
         UnitQuaternion::from_scaled_axis(Vector3::from_fn(|i, _| 3.0 * drawn(seed, 20 + i as u64) - 1.5));
     let gravity = turn * Vector3::new(0.0, 0.0, -9.81);
-    let mut config = EngineConfig::default();
-    config.gravity_torso_m_s2 = [gravity.x, gravity.y, gravity.z].map(Finite);
-    config.start_arc_length_m.0 = start_m;
-    config
+    EngineConfig {
+        gravity_torso_m_s2: [gravity.x, gravity.y, gravity.z].map(Finite),
+        start_arc_length_m: NonNegative(start_m),
+        ..EngineConfig::default()
+    }
 }
 
 fn fuzzed() -> Outcome {
