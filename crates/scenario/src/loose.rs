@@ -17,7 +17,7 @@ const RESIDUES_MM: std::ops::RangeInclusive<f64> = 0.5..=20.0;
 
 const RESIDUE_RGBA: u32 = 0xAA77_33FF;
 const CAPSULE_RGBA: u32 = 0x8888_88FF;
-const TETHER_RGBA: u32 = 0x3333_33FF;
+const TETHER_RGBA: u32 = 0xEEEE_EEFF;
 
 /// `[[tract.loose]]`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
