@@ -16,10 +16,11 @@
 //! `Σ d² = Σ f² - 2 c·Σ f + cᵀ Σ (I - nnᵀ) c`. Where the furthest line is beyond the largest limit that this leaves, the test drops it.
 
 use super::failure::Failure;
-use super::lanes::{Four, LANES, Three, three};
-use super::quad::{Kernel, Quad, Quads, Unit, dispatch, dot, quads, splat3};
+use super::lanes::{Eight, Four, LANES, Three, three};
+use super::quad::Quad;
+use super::register::{Kernel, Register, Unit, dispatch, dot, load, splat3};
 use super::thompson;
-use super::window::{FEWEST_LINES, Rays, Window};
+use super::window::{FEWEST_LINES, Rays, ToSingles, Window};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +50,8 @@ const PARALLEL: f64 = 1e-4;
 pub struct Centroid {
     /// The lines still in, packed, in an order of their own.
     kept: Vec<Rays>,
+    /// The same in single precision, of the centroid that was found last.
+    kept_singles: Vec<Rays<Eight>>,
     /// Place in the window of each line still in.
     places: Vec<u32>,
     distances_m: Vec<Four>,
@@ -136,6 +139,7 @@ impl Centroid {
             }
         }
         self.solve()?;
+        ToSingles { packs: &self.kept, singles: &mut self.kept_singles }.run();
         if centre.iter().all(|v| v.is_finite()) { Ok(centre) } else { Err(Failure::Parallel { spread: 0.0 }) }
     }
 
@@ -153,6 +157,10 @@ impl Centroid {
 
     pub(crate) fn kept_rays(&self) -> &[Rays] {
         &self.kept
+    }
+
+    pub(crate) fn kept_singles(&self) -> &[Rays<Eight>] {
+        &self.kept_singles
     }
 
     fn take(&mut self, window: &Window) {
@@ -289,16 +297,16 @@ impl Kernel for DistancesFrom<'_> {
         let (zero, centre) = (Quad::splat(unit, 0.0), splat3(unit, self.centre));
         let (mut sum, mut squares) = (zero, zero);
         for (r, out) in self.kept.iter().zip(self.out) {
-            let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
-            let v: Quads<S> = three!(i => foot[i] - centre[i]);
+            let (n, foot) = (load(unit, &r.direction), load(unit, &r.foot_m));
+            let v: [Quad<S>; 3] = three!(i => foot[i] - centre[i]);
             let along = dot(&v, &n);
             let squared = along.mul_sub_from(along, dot(&v, &v)).max(zero) * Quad::of(unit, r.filled);
             let distance = squared.sqrt();
-            *out = distance.four();
+            *out = distance.numbers();
             sum += distance;
             squares += squared;
         }
-        (sum.four().sum(), squares.four().sum())
+        (sum.numbers().sum(), squares.numbers().sum())
     }
 }
 
@@ -312,7 +320,7 @@ impl Kernel for SumsOf<'_> {
         let zero = Quad::splat(unit, 0.0);
         let (mut outer, mut side, mut count, mut squares) = ([zero; 6], [zero; 3], zero, zero);
         for r in self.0 {
-            let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+            let (n, foot) = (load(unit, &r.direction), load(unit, &r.foot_m));
             let filled = Quad::of(unit, r.filled);
             let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
             for (sum, (i, j)) in outer.iter_mut().zip(pairs) {
@@ -325,10 +333,10 @@ impl Kernel for SumsOf<'_> {
             squares = dot(&foot, &foot).mul_add(filled, squares);
         }
         Sums {
-            matrix: Matrix3::identity() * count.four().sum()
-                - super::likelihood::symmetric(&outer.map(Quad::four)),
-            side_m: Vector3::from(side.map(|s| s.four().sum())),
-            squares_m2: squares.four().sum(),
+            matrix: Matrix3::identity() * count.numbers().sum()
+                - super::likelihood::symmetric(&outer.map(|sum| sum.numbers().sum())),
+            side_m: Vector3::from(side.map(|s| s.numbers().sum())),
+            squares_m2: squares.numbers().sum(),
         }
     }
 }

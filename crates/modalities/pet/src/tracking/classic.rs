@@ -16,7 +16,6 @@ use super::centroid::{Centroid, Weight};
 use super::climb::Limits;
 use super::failure::Failure;
 use super::initialize::Search;
-use super::lanes::Four;
 use super::membership::{REACH_M, Share, pass};
 use super::nearest::{Nearest, nearest};
 use super::window::{Preparation, Window};
@@ -184,7 +183,7 @@ impl Classic {
 
     /// A pass at the present places; the lines within reach of a marker.
     pub(crate) fn memberships(&mut self) -> f64 {
-        let rays = self.centroid.kept_rays();
+        let rays = self.centroid.kept_singles();
         self.cost_m2 = pass(rays, &self.places_m, &self.shares, &mut self.sums);
         self.passing()
     }
@@ -232,12 +231,8 @@ impl Classic {
 
     /// Squared distances of the kept lines from their markers, each capped at reach, m².
     fn capped_cost(&mut self) -> f64 {
-        nearest(self.centroid.kept_rays(), &self.places_m, REACH_M, &mut self.nearest);
-        let mut sum = Four::ZERO;
-        for lines in &self.nearest {
-            sum += lines.squared_m2;
-        }
-        sum.sum()
+        nearest(self.centroid.kept_singles(), &self.places_m, REACH_M, &mut self.nearest);
+        self.nearest.iter().map(|lines| lines.squared_m2.sum()).sum()
     }
 
     /// Minimum over SE(3) of the cost with the memberships of the last pass (chapter 6): Gauss-Newton on sums that do not change.

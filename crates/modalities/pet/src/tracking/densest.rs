@@ -4,7 +4,8 @@
 //! line and s = [`PASSING_M`].
 
 use super::lanes::three;
-use super::quad::{Kernel, Quad, Unit, dispatch, dot, quads, splat3};
+use super::quad::Quad;
+use super::register::{Kernel, Register, Unit, dispatch, dot, load, splat3};
 use super::window::{Rays, RaysThrough};
 use crate::line::Line;
 use nalgebra::Vector3;
@@ -92,11 +93,11 @@ fn passing<S: Unit>(unit: S, rays: &[Rays], place: &Vector3<f64>) -> f64 {
     let (zero, scale) = (Quad::splat(unit, 0.0), Quad::splat(unit, -0.5 / (PASSING_M * PASSING_M)));
     let mut sum = zero;
     for r in rays {
-        let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
+        let (n, foot) = (load(unit, &r.direction), load(unit, &r.foot_m));
         let v = three!(i => foot[i] - at[i]);
         let along = dot(&v, &n);
         let squared = along.mul_sub_from(along, dot(&v, &v)).max(zero);
         sum = Quad::of(unit, r.filled).mul_add((scale * squared).exp(), sum);
     }
-    sum.four().sum()
+    sum.numbers().sum()
 }

@@ -6,7 +6,6 @@
 //! by its Schur complement. That information has no say on how the set as a whole is shifted or turned: a prior at the drawn places
 //! (standard deviation [`DRAWN_SD_M`] per coordinate) does, so the estimate keeps the drawing's frame.
 
-use super::lanes::Four;
 use super::likelihood::{Likelihood, MAX_MARKERS, OfPoints, Placed, Weights, pass, symmetric};
 use super::window::Window;
 use lumenav_core::pose::skew;
@@ -59,8 +58,8 @@ impl MarkerEstimate {
         let mut pull = DVector::zeros(n);
         let mut pose_pull = nalgebra::Vector6::zeros();
         let mut j = 0;
-        pass::<OfPoints>(&window.shapes, &placed[..used], weights.background, |p, s| {
-            let (c, f) = (symmetric(&s.curvature), Vector3::from(s.force.map(Four::sum)));
+        pass::<OfPoints, _>(&window.shapes, &placed[..used], weights.background, |p, s| {
+            let (c, f) = (symmetric(&s.curvature), Vector3::from(s.force));
             let turn = -(skew(&p.arm_m) * r);
             let mut jacobian = Matrix6x3::zeros();
             jacobian.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();

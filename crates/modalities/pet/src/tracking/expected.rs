@@ -7,7 +7,8 @@
 use super::lanes::{Four, LANES, Three, cross, dot, splat3, three};
 use super::likelihood::{MAX_MARKERS, Placed};
 use super::noise::COMPONENTS;
-use super::quad::{Kernel, Quad, Unit, dispatch};
+use super::quad::Quad;
+use super::register::{Kernel, Register, Unit, dispatch};
 use super::window::Shapes;
 use nalgebra::Matrix6;
 
@@ -179,7 +180,7 @@ fn add_point<S: Unit>(
         let (xx, xy, yy) = (half * x * x, -(x * y), half * y * y);
         let density: Three = three!(k => {
             let [a, b, c] = shape.precision[k];
-            Quad::of(unit, a.mul_add(xx, b.mul_add(xy, c * yy))).exp().four()
+            Quad::of(unit, a.mul_add(xx, b.mul_add(xy, c * yy))).exp().numbers()
         });
         let (mut fx, mut fy) = (Four::ZERO, Four::ZERO);
         for k in 0..COMPONENTS {

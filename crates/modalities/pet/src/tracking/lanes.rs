@@ -1,6 +1,6 @@
-//! Four numbers side by side: how the trackers' loops keep lines, and the arithmetic of all but the longest of them ([`super::quad`]).
+//! Four numbers side by side: how the trackers' loops keep lines, and the arithmetic of all but the longest of them ([`super::register`]).
 //!
-//! Loops run over packs of four lines inside `pulp::Arch::dispatch` or [`super::quad::dispatch`], which compiles them for the processor's vector unit. Only
+//! Loops run over packs of four lines inside `pulp::Arch::dispatch` or [`super::register::dispatch`], which compiles them for the processor's vector unit. Only
 //! operations that IEEE 754 rounds exactly are used (fused multiply-add among them, written out: the compiler makes none of its own),
 //! and sums are always kept in four partial sums added in one order: the same bytes on every processor.
 //!
@@ -143,6 +143,28 @@ impl AddAssign for Four {
     #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
+    }
+}
+
+/// Eight numbers of single precision, two packs of four.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(align(32))]
+pub(crate) struct Eight(pub(crate) [f32; 2 * LANES]);
+
+impl Eight {
+    /// Two packs' numbers, rounded.
+    #[inline(always)]
+    pub(crate) fn of(first: Four, second: Four) -> Self {
+        let [a, b, c, d] = lanes!(i => first.0[i] as f32);
+        let [e, f, g, h] = lanes!(i => second.0[i] as f32);
+        Self([a, b, c, d, e, f, g, h])
+    }
+
+    /// Sum of the lanes, always in one order.
+    #[inline(always)]
+    pub(crate) fn sum(self) -> f64 {
+        let [a, b, c, d, e, f, g, h] = self.0.map(f64::from);
+        ((a + b) + (c + d)) + ((e + f) + (g + h))
     }
 }
 

@@ -18,9 +18,11 @@
 //!
 //! [`Likelihood::expected_information`] integrates `g gᵀ` over the model's own law of each line's offset (`expected.rs`).
 
-use super::lanes::{Four, three};
+use super::lanes::{Eight, Four, three};
 use super::noise::COMPONENTS;
-use super::quad::{Kernel, LogSum, Quad, Quads, Unit, cross, dispatch, dot, quads, splat3};
+use super::octet::Octet;
+use super::quad::Quad;
+use super::register::{Kernel, LogSum, Numbers, Register, Unit, cross, dispatch, dot, load, splat3};
 use super::window::{Shapes, Window};
 use lumenav_core::pose::skew;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
@@ -78,7 +80,7 @@ pub struct Likelihood {
 
 /// What a pass sums for one marker.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct MarkerSums<T = Four> {
+pub(crate) struct MarkerSums<T = f64> {
     /// Responsibilities.
     pub(crate) lines: T,
     /// Force, 1/m.
@@ -100,7 +102,7 @@ impl<T: Copy> MarkerSums<T> {
 
 /// What a pass sums over all.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sums<L = f64, T = Four> {
+pub(crate) struct Sums<L = f64, T = f64> {
     pub(crate) log_likelihood: L,
     pub(crate) background: T,
     /// Upper triangle of `Σ g g^T`, rows first, force before torque about the capsule's origin, world.
@@ -138,15 +140,15 @@ impl Purpose for OfPoints {
 pub(crate) const MAX_MARKERS: usize = 32;
 
 /// One pass over a window; tells each marker's sums.
-pub(crate) fn pass<P: Purpose>(
-    shapes: &[Shapes],
+pub(crate) fn pass<P: Purpose, T: Numbers>(
+    shapes: &[Shapes<T>],
     placed: &[Placed],
     background: f64,
     tell: impl FnMut(&Placed, &MarkerSums),
 ) -> Sums {
     /// A loop for a fixed number of markers; empty places have no weight.
-    fn fixed<P: Purpose, const J: usize>(
-        shapes: &[Shapes],
+    fn fixed<P: Purpose, T: Numbers, const J: usize>(
+        shapes: &[Shapes<T>],
         placed: &[Placed],
         background: f64,
         mut tell: impl FnMut(&Placed, &MarkerSums),
@@ -154,7 +156,7 @@ pub(crate) fn pass<P: Purpose>(
         let mut all = [Placed::default(); J];
         let used = placed.len().min(J);
         all[..used].copy_from_slice(&placed[..used]);
-        let loops = Loop::<P, J> { shapes, placed: &all, background, purpose: PhantomData };
+        let loops = Loop::<P, T, J> { shapes, placed: &all, background, purpose: PhantomData };
         let (sums, marker_sums) = dispatch(loops);
         for (placed, sums) in placed.iter().zip(&marker_sums) {
             tell(placed, sums);
@@ -162,111 +164,116 @@ pub(crate) fn pass<P: Purpose>(
         sums
     }
     match placed.len() {
-        0..=1 => fixed::<P, 1>(shapes, placed, background, tell),
-        2 => fixed::<P, 2>(shapes, placed, background, tell),
-        3 => fixed::<P, 3>(shapes, placed, background, tell),
-        4 => fixed::<P, 4>(shapes, placed, background, tell),
-        5..=6 => fixed::<P, 6>(shapes, placed, background, tell),
-        7..=12 => fixed::<P, 12>(shapes, placed, background, tell),
-        _ => fixed::<P, MAX_MARKERS>(shapes, placed, background, tell),
+        0..=1 => fixed::<P, T, 1>(shapes, placed, background, tell),
+        2 => fixed::<P, T, 2>(shapes, placed, background, tell),
+        3 => fixed::<P, T, 3>(shapes, placed, background, tell),
+        4 => fixed::<P, T, 4>(shapes, placed, background, tell),
+        5..=6 => fixed::<P, T, 6>(shapes, placed, background, tell),
+        7..=12 => fixed::<P, T, 12>(shapes, placed, background, tell),
+        _ => fixed::<P, T, MAX_MARKERS>(shapes, placed, background, tell),
     }
 }
 
 /// The loop over a window's packs.
-struct Loop<'a, P, const J: usize> {
-    shapes: &'a [Shapes],
+struct Loop<'a, P, T, const J: usize> {
+    shapes: &'a [Shapes<T>],
     placed: &'a [Placed; J],
     background: f64,
     purpose: PhantomData<P>,
 }
 
-impl<P: Purpose, const J: usize> Kernel for Loop<'_, P, J> {
+impl<P: Purpose, T: Numbers, const J: usize> Kernel for Loop<'_, P, T, J> {
     type Output = (Sums, [MarkerSums; J]);
 
     #[inline(always)]
     fn run<S: Unit>(self, unit: S) -> Self::Output {
-        let zero = Quad::splat(unit, 0.0);
+        let zero = T::In::splat(unit, 0.0);
         let mut of_marker = [MarkerSums::nothing(zero); J];
         let mut sums = Sums { log_likelihood: LogSum::new(unit), background: zero, outer: [zero; 21] };
         let mut markers = [Spread::new(unit, &self.placed[0]); J];
         for (to, from) in markers.iter_mut().zip(self.placed) {
             *to = Spread::new(unit, from);
         }
-        let share = Quad::splat(unit, self.background);
+        let share = T::In::splat(unit, self.background);
         for s in self.shapes {
-            one_pack::<P, S, J>(unit, s, &markers, share, &mut of_marker, &mut sums);
+            one_pack::<P, T, S, J>(unit, s, &markers, share, &mut of_marker, &mut sums);
         }
         let sums = Sums {
             log_likelihood: sums.log_likelihood.sum(),
-            background: sums.background.four(),
-            outer: sums.outer.map(Quad::four),
+            background: sums.background.numbers().sum(),
+            outer: sums.outer.map(|sum| sum.numbers().sum()),
         };
-        (sums, of_marker.map(|m| m.map(Quad::four)))
+        (sums, of_marker.map(|m| m.map(|sum| sum.numbers().sum())))
     }
 }
 
 /// A marker in all lanes.
 #[derive(Clone, Copy)]
-struct Spread<S: Unit> {
-    at: Quads<S>,
-    arm: Quads<S>,
-    weight: Quad<S>,
+struct Spread<R> {
+    at: [R; 3],
+    arm: [R; 3],
+    weight: R,
 }
 
-impl<S: Unit> Spread<S> {
+impl<R: Register> Spread<R> {
     #[inline(always)]
-    fn new(unit: S, of: &Placed) -> Self {
+    fn new(unit: R::Unit, of: &Placed) -> Self {
         Self {
             at: splat3(unit, &of.at_m),
             arm: splat3(unit, &of.arm_m),
-            weight: Quad::splat(unit, of.weight),
+            weight: R::splat(unit, of.weight),
         }
     }
 }
 
-/// Offsets of four lines from a marker, and `c_k exp(-½ uᵀ P_k u)` times its weight.
+/// Offsets of a pack's lines from a marker, and `c_k exp(-½ uᵀ P_k u)` times its weight.
 #[inline(always)]
-fn densities<S: Unit>(unit: S, s: &Shapes, at: &Quads<S>, weight: Quad<S>) -> ([Quad<S>; 2], Quads<S>) {
-    let (e1, e2, foot) = (quads(unit, &s.e1), quads(unit, &s.e2), quads(unit, &s.at));
+fn densities<T: Numbers, S: Unit>(
+    unit: S,
+    s: &Shapes<T>,
+    at: &[T::In<S>; 3],
+    weight: T::In<S>,
+) -> ([T::In<S>; 2], [T::In<S>; COMPONENTS]) {
+    let (e1, e2, foot) = (load(unit, &s.e1), load(unit, &s.e2), load(unit, &s.at));
     let (x, y) = (foot[0] - dot(&e1, at), foot[1] - dot(&e2, at));
-    let half = Quad::splat(unit, -0.5);
+    let half = x.all(-0.5);
     let squares = [half * x * x, -(x * y), half * y * y];
     let of_component = three!(k => {
-        let q = dot(&quads(unit, &s.precision[k]), &squares);
-        weight * Quad::of(unit, s.peak[k]) * q.exp()
+        let q = dot(&load(unit, &s.precision[k]), &squares);
+        weight * T::In::of(unit, s.peak[k]) * q.exp()
     });
     ([x, y], of_component)
 }
 
 #[inline(always)]
-fn one_pack<P: Purpose, S: Unit, const J: usize>(
+fn one_pack<P: Purpose, T: Numbers, S: Unit, const J: usize>(
     unit: S,
-    s: &Shapes,
-    markers: &[Spread<S>; J],
-    share: Quad<S>,
-    of_marker: &mut [MarkerSums<Quad<S>>; J],
-    sums: &mut Sums<LogSum<S>, Quad<S>>,
+    s: &Shapes<T>,
+    markers: &[Spread<T::In<S>>; J],
+    share: T::In<S>,
+    of_marker: &mut [MarkerSums<T::In<S>>; J],
+    sums: &mut Sums<LogSum<T::In<S>>, T::In<S>>,
 ) {
-    let zero = Quad::splat(unit, 0.0);
+    let zero = T::In::splat(unit, 0.0);
     let (mut u, mut e) = ([[zero; 2]; J], [[zero; COMPONENTS]; J]);
-    let from_background = share * Quad::of(unit, s.background);
+    let from_background = share * T::In::of(unit, s.background);
     let mut total = from_background;
     for (j, marker) in markers.iter().enumerate() {
-        (u[j], e[j]) = densities(unit, s, &marker.at, marker.weight);
+        (u[j], e[j]) = densities::<T, S>(unit, s, &marker.at, marker.weight);
         total = total + e[j][0] + e[j][1] + e[j][2];
     }
-    let filled = Quad::of(unit, s.filled);
+    let filled = T::In::of(unit, s.filled);
     sums.log_likelihood.add(total, filled);
     let inverse = filled / total;
     sums.background = from_background.mul_add(inverse, sums.background);
-    let (e1, e2) = (quads(unit, &s.e1), quads(unit, &s.e2));
+    let (e1, e2) = (load(unit, &s.e1), load(unit, &s.e2));
     let mut score = [zero; 6];
     for j in 0..J {
         let [x, y] = u[j];
         let mut w = [zero; 3];
         let (mut tx, mut ty, mut lines) = (zero, zero, zero);
         for k in 0..COMPONENTS {
-            let p = quads(unit, &s.precision[k]);
+            let p = load(unit, &s.precision[k]);
             let rho = e[j][k] * inverse;
             let (px, py) = (p[0].mul_add(x, p[1] * y), p[1].mul_add(x, p[2] * y));
             let (rx, ry) = (rho * px, rho * py);
@@ -284,13 +291,13 @@ fn one_pack<P: Purpose, S: Unit, const J: usize>(
         }
         let m = &mut of_marker[j];
         m.lines += lines;
-        let force: Quads<S> = three!(i => e1[i].mul_add(tx, e2[i] * ty));
+        let force: [T::In<S>; 3] = three!(i => e1[i].mul_add(tx, e2[i] * ty));
         for i in 0..3 {
             m.force[i] += force[i];
         }
         // E^T W E, W symmetric.
-        let a: Quads<S> = three!(i => e1[i].mul_add(w[0], e2[i] * w[1]));
-        let b: Quads<S> = three!(i => e1[i].mul_add(w[1], e2[i] * w[2]));
+        let a: [T::In<S>; 3] = three!(i => e1[i].mul_add(w[0], e2[i] * w[1]));
+        let b: [T::In<S>; 3] = three!(i => e1[i].mul_add(w[1], e2[i] * w[2]));
         let mut n = 0;
         for i in 0..3 {
             for l in i..3 {
@@ -318,8 +325,8 @@ fn one_pack<P: Purpose, S: Unit, const J: usize>(
 }
 
 /// A symmetric 3 x 3 matrix from its upper triangle.
-pub(crate) fn symmetric(upper: &[Four; 6]) -> Matrix3<f64> {
-    let [xx, xy, xz, yy, yz, zz] = upper.map(Four::sum);
+pub(crate) fn symmetric(upper: &[f64; 6]) -> Matrix3<f64> {
+    let [xx, xy, xz, yy, yz, zz] = *upper;
     Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
 }
 
@@ -349,15 +356,37 @@ impl Likelihood {
     /// Value, gradient and observed information at a pose, into `out`, whose buffer is used again: no allocation after the first
     /// call. The window must have been prepared with its noise.
     pub fn evaluate(&self, window: &Window, pose: &Isometry3<f64>, weights: &Weights, out: &mut Evaluation) {
+        self.evaluate_packs(&window.shapes, window, pose, weights, out);
+    }
+
+    /// As [`Self::evaluate`], in single precision: what decides a step. The value is told to 1e-3, the rest to 1e-5 of it.
+    pub(crate) fn evaluate_singly(
+        &self,
+        window: &Window,
+        pose: &Isometry3<f64>,
+        weights: &Weights,
+        out: &mut Evaluation,
+    ) {
+        self.evaluate_packs(&window.single_shapes, window, pose, weights, out);
+    }
+
+    fn evaluate_packs<T: Numbers>(
+        &self,
+        packs: &[Shapes<T>],
+        window: &Window,
+        pose: &Isometry3<f64>,
+        weights: &Weights,
+        out: &mut Evaluation,
+    ) {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = self.place(pose, &window.origin_world_m, weights, &mut placed);
         let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
         let (mut pp, mut pr, mut rr) = (Matrix3::zeros(), Matrix3::zeros(), Matrix3::zeros());
         let lines_of_marker = &mut out.lines_of_marker;
         lines_of_marker.clear();
-        let sums = pass::<OfPose>(&window.shapes, &placed[..used], weights.background, |p, m| {
-            lines_of_marker.push(m.lines.sum());
-            let f = Vector3::from(m.force.map(Four::sum));
+        let sums = pass::<OfPose, T>(packs, &placed[..used], weights.background, |p, m| {
+            lines_of_marker.push(m.lines);
+            let f = Vector3::from(m.force);
             let (c, k, a) = (symmetric(&m.curvature), skew(&p.arm_m), p.arm_m);
             force += f;
             torque += a.cross(&f);
@@ -375,7 +404,7 @@ impl Likelihood {
         let mut n = 0;
         for i in 0..6 {
             for l in i..6 {
-                let value = sums.outer[n].sum();
+                let value = sums.outer[n];
                 information[(i, l)] += value;
                 if l != i {
                     information[(l, i)] += value;
@@ -386,7 +415,7 @@ impl Likelihood {
         // φ in world axes is R θ.
         let r = pose.rotation.to_rotation_matrix().into_inner();
         out.log_likelihood = sums.log_likelihood;
-        out.background_lines = sums.background.sum();
+        out.background_lines = sums.background;
         out.gradient.fixed_rows_mut::<3>(0).copy_from(&force);
         out.gradient.fixed_rows_mut::<3>(3).copy_from(&(r.transpose() * torque));
         out.information = to_capsule_axes(&information, &r);
@@ -457,12 +486,12 @@ impl Kernel for Value<'_> {
 
     #[inline(always)]
     fn run<S: Unit>(self, unit: S) -> f64 {
-        let mut sum = LogSum::new(unit);
+        let mut sum = LogSum::<Quad<S>>::new(unit);
         let share = Quad::splat(unit, self.background);
         for s in self.shapes {
             let mut total = share * Quad::of(unit, s.background);
             for p in self.placed {
-                total += density(unit, s, p);
+                total += density::<Four, S>(unit, s, p);
             }
             sum.add(total, Quad::of(unit, s.filled));
         }
@@ -472,20 +501,20 @@ impl Kernel for Value<'_> {
 
 /// The likeliest origin of each line: a marker's number, or -1 for the background.
 pub(crate) fn likeliest_origins(
-    shapes: &[Shapes],
+    shapes: &[Shapes<Eight>],
     placed: &[Placed],
     background: f64,
-    found: &mut Vec<Four>,
+    found: &mut Vec<Eight>,
 ) {
     found.clear();
     dispatch(Origins { shapes, placed, background, found });
 }
 
 struct Origins<'a> {
-    shapes: &'a [Shapes],
+    shapes: &'a [Shapes<Eight>],
     placed: &'a [Placed],
     background: f64,
-    found: &'a mut Vec<Four>,
+    found: &'a mut Vec<Eight>,
 }
 
 impl Kernel for Origins<'_> {
@@ -493,23 +522,24 @@ impl Kernel for Origins<'_> {
 
     #[inline(always)]
     fn run<S: Unit>(self, unit: S) {
-        let all = |number: f64| Quad::splat(unit, number);
+        let all = |number: f64| Octet::splat(unit, number);
         for s in self.shapes {
-            let mut most = all(self.background) * Quad::of(unit, s.background);
+            let mut most = all(self.background) * Octet::of(unit, s.background);
             let mut origin = all(-1.0);
             for (marker, p) in self.placed.iter().enumerate() {
-                let of_marker = density(unit, s, p);
+                let of_marker = density::<Eight, S>(unit, s, p);
                 origin = most.less_select(of_marker, all(marker as f64), origin);
                 most = of_marker.max(most);
             }
-            self.found.push(origin.four());
+            self.found.push(origin.numbers());
         }
     }
 }
 
-/// What one marker adds to the density of four lines.
+/// What one marker adds to the density of a pack's lines.
 #[inline(always)]
-fn density<S: Unit>(unit: S, s: &Shapes, p: &Placed) -> Quad<S> {
-    let (_, of_component) = densities(unit, s, &splat3(unit, &p.at_m), Quad::splat(unit, p.weight));
+fn density<T: Numbers, S: Unit>(unit: S, s: &Shapes<T>, p: &Placed) -> T::In<S> {
+    let weight = T::In::splat(unit, p.weight);
+    let (_, of_component) = densities::<T, S>(unit, s, &splat3(unit, &p.at_m), weight);
     of_component[0] + of_component[1] + of_component[2]
 }

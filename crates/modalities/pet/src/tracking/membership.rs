@@ -12,9 +12,10 @@
 //! The loop goes by [`CHUNK`] packs and there by steps, not by packs: roots are long chains of operations that wait for each other,
 //! and those of several packs are made meanwhile.
 
-use super::lanes::{Four, three};
+use super::lanes::{Eight, three};
 use super::likelihood::MAX_MARKERS;
-use super::quad::{Kernel, Quad, Quads, Unit, dispatch, dot, quads, splat3};
+use super::octet::Octet;
+use super::register::{Kernel, Register, Unit, dispatch, dot, load, splat3};
 use super::window::Rays;
 use nalgebra::{Matrix3, Vector3};
 
@@ -53,14 +54,14 @@ struct Placed {
 /// As [`Placed`], in all lanes.
 #[derive(Clone, Copy)]
 struct Spread<S: Unit> {
-    at: Quads<S>,
-    share: Quad<S>,
-    powered: Quad<S>,
+    at: [Octet<S>; 3],
+    share: Octet<S>,
+    powered: Octet<S>,
 }
 
-/// What four lines add to each sum of a marker.
+/// What eight lines add to each sum of a marker.
 #[derive(Clone, Copy, Default)]
-struct Sums<T = Four> {
+struct Sums<T = Eight> {
     members: T,
     weight: T,
     side: [T; 3],
@@ -68,9 +69,9 @@ struct Sums<T = Four> {
 }
 
 /// A pass: memberships at these places with these shares; `Σ u^q d²`, m².
-pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out: &mut [Share]) -> f64 {
+pub(crate) fn pass(rays: &[Rays<Eight>], places_m: &[Vector3<f64>], shares: &[f64], out: &mut [Share]) -> f64 {
     fn fixed<const J: usize>(
-        rays: &[Rays],
+        rays: &[Rays<Eight>],
         places_m: &[Vector3<f64>],
         shares: &[f64],
         out: &mut [Share],
@@ -87,8 +88,8 @@ pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out
             *share = Share {
                 members: s.members.sum(),
                 weight: s.weight.sum(),
-                side_m: Vector3::from(s.side.map(Four::sum)),
-                matrix: Matrix3::identity() * s.weight.sum() - super::likelihood::symmetric(&s.matrix),
+                side_m: Vector3::from(s.side.map(Eight::sum)),
+                matrix: Matrix3::identity() * s.weight.sum() - super::likelihood::symmetric(&s.matrix.map(Eight::sum)),
             };
         }
         cost_m2
@@ -102,7 +103,7 @@ pub(crate) fn pass(rays: &[Rays], places_m: &[Vector3<f64>], shares: &[f64], out
 
 /// The loop over a window's packs.
 struct Loop<'a, const J: usize> {
-    rays: &'a [Rays],
+    rays: &'a [Rays<Eight>],
     placed: &'a [Placed; J],
 }
 
@@ -111,7 +112,7 @@ impl<const J: usize> Kernel for Loop<'_, J> {
 
     #[inline(always)]
     fn run<S: Unit>(self, unit: S) -> Self::Output {
-        let all = |number: f64| Quad::splat(unit, number);
+        let all = |number: f64| Octet::splat(unit, number);
         let spread = |of: &Placed| Spread {
             at: splat3(unit, &of.at_m),
             share: all(of.share),
@@ -143,34 +144,34 @@ impl<const J: usize> Kernel for Loop<'_, J> {
                 sums[k] = of_marker;
             }
         }
-        (cost.four().sum(), sums.map(|s| s.map(Quad::four)))
+        (cost.numbers().sum(), sums.map(|s| s.map(Register::numbers)))
     }
 }
 
-/// Four lines on their way to memberships: with y = d^(-2/3), m^(-2/3), d^(-2/(q-1)) is y⁵ and its q-th power y⁸, q = 1.6.
+/// Eight lines on their way to memberships: with y = d^(-2/3), m^(-2/3), d^(-2/(q-1)) is y⁵ and its q-th power y⁸, q = 1.6.
 #[derive(Clone, Copy)]
 struct Pack<S: Unit, const J: usize> {
     /// d².
-    squared: [Quad<S>; J],
+    squared: [Octet<S>; J],
     /// y.
-    roots: [Quad<S>; J],
+    roots: [Octet<S>; J],
     /// f y⁵.
-    own: [Quad<S>; J],
+    own: [Octet<S>; J],
     /// t, the sum of these.
-    total: Quad<S>,
+    total: Octet<S>,
     /// t^(-1/5), r.
-    root: Quad<S>,
+    root: Octet<S>,
 }
 
 impl<S: Unit, const J: usize> Pack<S, J> {
     #[inline(always)]
-    fn new(unit: S, r: &Rays, placed: &[Spread<S>; J]) -> Self {
-        let (n, foot) = (quads(unit, &r.direction), quads(unit, &r.foot_m));
-        let (zero, least) = (Quad::splat(unit, 0.0), Quad::splat(unit, SMALLEST_M2));
+    fn new(unit: S, r: &Rays<Eight>, placed: &[Spread<S>; J]) -> Self {
+        let (n, foot) = (load(unit, &r.direction), load(unit, &r.foot_m));
+        let (zero, least) = (Octet::splat(unit, 0.0), Octet::splat(unit, SMALLEST_M2));
         let (mut squared, mut roots, mut own) = ([zero; J], [zero; J], [zero; J]);
-        let mut total = Quad::splat(unit, f64::MIN_POSITIVE);
+        let mut total = Octet::splat(unit, Octet::<S>::LEAST);
         for k in 0..J {
-            let v: Quads<S> = three!(i => foot[i] - placed[k].at[i]);
+            let v: [Octet<S>; 3] = three!(i => foot[i] - placed[k].at[i]);
             let along = dot(&v, &n);
             squared[k] = along.mul_sub_from(along, dot(&v, &v)).max(least);
             let root = squared[k].inverse_cube_root();
@@ -188,29 +189,29 @@ impl<S: Unit, const J: usize> Pack<S, J> {
         &self,
         unit: S,
         k: usize,
-        r: &Rays,
+        r: &Rays<Eight>,
         placed: &Spread<S>,
-        sums: &mut Sums<Quad<S>>,
-    ) -> Quad<S> {
-        let (zero, reach) = (Quad::splat(unit, 0.0), Quad::splat(unit, REACH_M * REACH_M));
-        let inside = self.squared[k].less_select(reach, Quad::of(unit, r.filled), zero);
+        sums: &mut Sums<Octet<S>>,
+    ) -> Octet<S> {
+        let (zero, reach) = (Octet::splat(unit, 0.0), Octet::splat(unit, REACH_M * REACH_M));
+        let inside = self.squared[k].less_select(reach, Octet::of(unit, r.filled), zero);
         let square = self.root * self.root;
         sums.members = (self.own[k] * inside).mul_add(square * square * self.root, sums.members);
         let z = self.roots[k] * self.root;
         let z2 = z * z;
         let z4 = z2 * z2;
         let w = placed.powered * (z4 * z4) * inside;
-        sums.add(w, &quads(unit, &r.direction), &quads(unit, &r.foot_m));
+        sums.add(w, &load(unit, &r.direction), &load(unit, &r.foot_m));
         w * self.squared[k]
     }
 }
 
-impl<S: Unit> Sums<Quad<S>> {
-    /// Four lines of these weights u^q.
+impl<S: Unit> Sums<Octet<S>> {
+    /// Eight lines of these weights u^q.
     #[inline(always)]
-    fn add(&mut self, w: Quad<S>, n: &Quads<S>, foot: &Quads<S>) {
+    fn add(&mut self, w: Octet<S>, n: &[Octet<S>; 3], foot: &[Octet<S>; 3]) {
         self.weight += w;
-        let wn: Quads<S> = three!(i => w * n[i]);
+        let wn: [Octet<S>; 3] = three!(i => w * n[i]);
         for i in 0..3 {
             self.side[i] = w.mul_add(foot[i], self.side[i]);
         }

@@ -29,7 +29,7 @@ use super::densest::Densest;
 use super::estimate_markers::MarkerEstimate;
 use super::failure::Failure;
 use super::initialize::Search;
-use super::lanes::Four;
+use super::lanes::Eight;
 use super::likelihood::{Likelihood, likeliest_origins};
 use super::noise::LineNoise;
 use super::window::{Preparation, Window};
@@ -122,7 +122,7 @@ pub struct Mixture {
     orders: Vec<(f64, usize)>,
     /// Of a pose that this window's start from several windows brought.
     motion: Option<MotionEstimate>,
-    origins: Vec<Four>,
+    origins: Vec<Eight>,
 }
 
 impl Mixture {
@@ -306,7 +306,7 @@ impl Mixture {
         let mut placed = [super::likelihood::Placed::default(); super::likelihood::MAX_MARKERS];
         let weights = &self.climber.weights;
         let used = self.likelihood.place(pose, &self.window.origin_world_m, weights, &mut placed);
-        likeliest_origins(&self.window.shapes, &placed[..used], weights.background, &mut self.origins);
+        likeliest_origins(&self.window.single_shapes, &placed[..used], weights.background, &mut self.origins);
         for index in &self.window.indices {
             roles[*index as usize] = Role::Background;
         }

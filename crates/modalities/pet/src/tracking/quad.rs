@@ -1,72 +1,13 @@
-//! Four numbers in a vector register, with exponential, logarithm and roots: the arithmetic of the trackers' longest loops.
+//! Four numbers of double precision in a vector register ([`super::register`]), with exponential, logarithm and roots.
 //!
-//! [`Four`] leaves it to the compiler to find the vector unit's instructions, which tears long chains apart: of a pass half the
-//! instructions moved lanes about. Here every operation is an instruction of the unit that [`dispatch`] found, or, where there is none,
-//! four plain ones. As there, only operations that IEEE 754 rounds exactly are used: the same bytes on every processor.
-//!
-//! [`Quad::exp`]: argument clamped to ±700, reduced to |r| <= ln 2 / 2, Taylor polynomial of degree 11: relative error below 1e-14.
-//! [`Quad::inverse_cube_root`]: positive normal numbers, relative error below 1e-15; [`Quad::inverse_fifth_root`]: below 1.2e-15.
-//! [`Quad::ln`]: positive normal numbers; `2 artanh s` with |s| <= 0.1716, ten terms: absolute error below 1e-15 (1 + |ln x|).
+//! [`Register::exp`]: argument clamped to ±700, reduced to |r| <= ln 2 / 2, Taylor polynomial of degree 11: relative error below 1e-14.
+//! [`Register::inverse_cube_root`]: relative error below 1e-15; [`Register::inverse_fifth_root`]: below 1.2e-15.
+//! [`Register::ln`]: `2 artanh s` with |s| <= 0.1716, ten terms: absolute error below 1e-15 (1 + |ln x|).
 
 use super::lanes::Four;
-use nalgebra::Vector3;
-use pulp::{NullaryFnOnce, Scalar256b, Simd, cast, f64x4, m64x4, u64x4};
+use super::register::{Numbers, Register, Unit, register};
+use pulp::{cast, f64x4, u64x4};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
-
-/// A vector unit of four lanes, or what stands for one.
-pub(crate) trait Unit: Simd<f64s = f64x4, u64s = u64x4, m64s = m64x4> {
-    fn shift_left<const BITS: i32>(self, of: u64x4) -> u64x4;
-    fn shift_right<const BITS: i32>(self, of: u64x4) -> u64x4;
-}
-
-impl Unit for Scalar256b {
-    #[inline(always)]
-    fn shift_left<const BITS: i32>(self, of: u64x4) -> u64x4 {
-        u64x4(of.0 << BITS, of.1 << BITS, of.2 << BITS, of.3 << BITS)
-    }
-
-    #[inline(always)]
-    fn shift_right<const BITS: i32>(self, of: u64x4) -> u64x4 {
-        u64x4(of.0 >> BITS, of.1 >> BITS, of.2 >> BITS, of.3 >> BITS)
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-impl Unit for pulp::x86::V3 {
-    #[inline(always)]
-    fn shift_left<const BITS: i32>(self, of: u64x4) -> u64x4 {
-        self.shl_const_u64x4::<BITS>(of)
-    }
-
-    #[inline(always)]
-    fn shift_right<const BITS: i32>(self, of: u64x4) -> u64x4 {
-        self.shr_const_u64x4::<BITS>(of)
-    }
-}
-
-/// A loop that is compiled for every unit. A struct, not a closure: see [`super::lanes`].
-pub(crate) trait Kernel {
-    type Output;
-    fn run<S: Unit>(self, unit: S) -> Self::Output;
-}
-
-/// Runs a loop on the best unit there is.
-pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
-    /// A kernel and its unit.
-    struct On<S, K>(S, K);
-    impl<S: Unit, K: Kernel> NullaryFnOnce for On<S, K> {
-        type Output = K::Output;
-        #[inline(always)]
-        fn call(self) -> K::Output {
-            self.1.run(self.0)
-        }
-    }
-    #[cfg(target_arch = "x86_64")]
-    if let Some(unit) = pulp::x86::V3::try_new() {
-        return unit.vectorize(On(unit, kernel));
-    }
-    On(Scalar256b, kernel).call()
-}
 
 /// Four numbers.
 #[derive(Clone, Copy, Debug)]
@@ -122,28 +63,6 @@ const LN_TERMS: [f64; 10] = [
 
 impl<S: Unit> Quad<S> {
     #[inline(always)]
-    pub(crate) fn of(unit: S, numbers: Four) -> Self {
-        Self { unit, value: cast(numbers.0) }
-    }
-
-    /// One number in all lanes.
-    #[inline(always)]
-    pub(crate) fn splat(unit: S, number: f64) -> Self {
-        Self { unit, value: unit.splat_f64s(number) }
-    }
-
-    #[inline(always)]
-    pub(crate) fn four(self) -> Four {
-        Four(cast(self.value))
-    }
-
-    /// Another number in all lanes, of the same unit.
-    #[inline(always)]
-    pub(crate) fn all(self, number: f64) -> Self {
-        Self::splat(self.unit, number)
-    }
-
-    #[inline(always)]
     fn bits(self) -> u64x4 {
         self.unit.transmute_u64s_f64s(self.value)
     }
@@ -153,74 +72,37 @@ impl<S: Unit> Quad<S> {
         Self { value: self.unit.transmute_f64s_u64s(bits), ..self }
     }
 
-    /// `self · factor + addend`, rounded once.
+    /// First guess of a root, to 3 per cent: `bits` and a share of the number's own high word are its.
     #[inline(always)]
-    pub(crate) fn mul_add(self, factor: Self, addend: Self) -> Self {
-        Self { value: self.unit.mul_add_f64s(self.value, factor.value, addend.value), ..self }
+    fn root_guess(self, share: f64, bits: f64) -> Self {
+        let high = self.unit.shift_right_u64::<32>(self.bits());
+        let high = self.with_bits(self.unit.or_u64s(high, self.unit.splat_u64s(INTEGER_BITS)));
+        let high = high - self.all(TWO_52);
+        let guess = high.mul_add(self.all(share), self.all(bits + TWO_52));
+        self.with_bits(self.unit.shift_left_u64::<32>(guess.bits()))
     }
+}
 
-    /// `from - self · factor`, rounded once.
-    #[inline(always)]
-    pub(crate) fn mul_sub_from(self, factor: Self, from: Self) -> Self {
-        Self { value: self.unit.negate_mul_add_f64s(self.value, factor.value, from.value), ..self }
-    }
+register! {
+    Quad of Four, f64:
+    splat_f64s neg_f64s add_f64s sub_f64s mul_f64s div_f64s
+    mul_add_f64s negate_mul_add_f64s sqrt_f64s max_f64s min_f64s less_than_f64s select_f64s;
 
-    #[inline(always)]
-    pub(crate) fn sqrt(self) -> Self {
-        Self { value: self.unit.sqrt_f64s(self.value), ..self }
-    }
-
-    #[inline(always)]
-    pub(crate) fn max(self, other: Self) -> Self {
-        Self { value: self.unit.max_f64s(self.value, other.value), ..self }
-    }
+    const FACTORS: u32 = 16;
 
     #[inline(always)]
-    pub(crate) fn min(self, other: Self) -> Self {
-        Self { value: self.unit.min_f64s(self.value, other.value), ..self }
-    }
-
-    /// `yes` where `self < limit`, else `no`.
-    #[inline(always)]
-    pub(crate) fn less_select(self, limit: Self, yes: Self, no: Self) -> Self {
-        let is_less = self.unit.less_than_f64s(self.value, limit.value);
-        Self { value: self.unit.select_f64s(is_less, yes.value, no.value), ..self }
-    }
-
-    /// A polynomial, terms from the highest power.
-    #[inline(always)]
-    fn polynomial<const N: usize>(self, terms: &[f64; N]) -> Self {
-        let mut value = self.all(terms[0]);
-        for term in &terms[1..] {
-            value = value.mul_add(self, self.all(*term));
-        }
-        value
-    }
-
-    #[inline(always)]
-    pub(crate) fn exp(self) -> Self {
+    fn exp(self) -> Self {
         let x = self.max(self.all(-LARGEST)).min(self.all(LARGEST));
         let shifted = x.mul_add(x.all(std::f64::consts::LOG2_E), x.all(ROUNDING));
         let whole = x.all(ROUNDING) - shifted;
         let rest = whole.mul_add(x.all(LN2_LOW), whole.mul_add(x.all(LN2_HIGH), x));
-        let exponent = self.unit.shift_left::<52>(shifted.bits());
+        let exponent = self.unit.shift_left_u64::<52>(shifted.bits());
         let scale = self.with_bits(self.unit.add_u64s(exponent, self.unit.splat_u64s(ONE_BITS)));
         rest.polynomial(&EXP_TERMS) * scale
     }
 
-    /// First guess of a root, to 3 per cent: `bits` and a share of the number's own high word are its.
     #[inline(always)]
-    fn root_guess(self, share: f64, bits: f64) -> Self {
-        let high = self.unit.shift_right::<32>(self.bits());
-        let high = self.with_bits(self.unit.or_u64s(high, self.unit.splat_u64s(INTEGER_BITS)));
-        let high = high - self.all(TWO_52);
-        let guess = high.mul_add(self.all(share), self.all(bits + TWO_52));
-        self.with_bits(self.unit.shift_left::<32>(guess.bits()))
-    }
-
-    /// `self^(-1/3)` of positive normal numbers.
-    #[inline(always)]
-    pub(crate) fn inverse_cube_root(self) -> Self {
+    fn inverse_cube_root(self) -> Self {
         let one = self.all(1.0);
         // y (1 + r/3 + 2r²/9 + 14r³/81 + 35r⁴/243), r = 1 - x y³: a step up to r² leaves 1.3e-4 of 3 per cent, one up to r⁴ the rest.
         let root = self.root_guess(-1.0 / 3.0, CUBE_ROOT_BITS);
@@ -231,9 +113,8 @@ impl<S: Unit> Quad<S> {
         (root * rest).mul_add(series, root)
     }
 
-    /// `self^(-1/5)` of positive normal numbers.
     #[inline(always)]
-    pub(crate) fn inverse_fifth_root(self) -> Self {
+    fn inverse_fifth_root(self) -> Self {
         let mut root = self.root_guess(-0.2, FIFTH_ROOT_BITS);
         // y (1 + r/5 + 3r²/25 + 11r³/125 + 44r⁴/625), r = 1 - x y⁵: two steps of fifth order from 3 per cent.
         for _ in 0..2 {
@@ -246,9 +127,9 @@ impl<S: Unit> Quad<S> {
     }
 
     #[inline(always)]
-    pub(crate) fn ln(self) -> Self {
+    fn ln(self) -> Self {
         let unit = self.unit;
-        let exponent = unit.or_u64s(unit.shift_right::<52>(self.bits()), unit.splat_u64s(INTEGER_BITS));
+        let exponent = unit.or_u64s(unit.shift_right_u64::<52>(self.bits()), unit.splat_u64s(INTEGER_BITS));
         let exponent = self.with_bits(exponent) - self.all(TWO_52 + 1023.0);
         let mantissa = unit.and_u64s(self.bits(), unit.splat_u64s(MANTISSA));
         let m = self.with_bits(unit.or_u64s(mantissa, unit.splat_u64s(ONE_BITS)));
@@ -261,108 +142,11 @@ impl<S: Unit> Quad<S> {
     }
 }
 
-/// `Σ ln x` of many positive numbers: products are taken until a logarithm is due.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct LogSum<S: Unit> {
-    logarithm: Quad<S>,
-    product: Quad<S>,
-    factors: u32,
-}
-
-impl<S: Unit> LogSum<S> {
-    /// Factors between two logarithms: densities in 1/m² lie between 1 and 10¹², so their product is a normal number.
-    const MOST: u32 = 16;
-
-    #[inline(always)]
-    pub(crate) fn new(unit: S) -> Self {
-        Self { logarithm: Quad::splat(unit, 0.0), product: Quad::splat(unit, 1.0), factors: 0 }
-    }
-
-    /// Adds the logarithm where `filled` is 1, nothing where it is 0.
-    #[inline(always)]
-    pub(crate) fn add(&mut self, x: Quad<S>, filled: Quad<S>) {
-        let one = x.all(1.0);
-        self.product = self.product * x.mul_add(filled, one - filled);
-        self.factors += 1;
-        if self.factors == Self::MOST {
-            self.logarithm += self.product.ln();
-            self.product = one;
-            self.factors = 0;
-        }
-    }
-
-    #[inline(always)]
-    pub(crate) fn sum(&self) -> f64 {
-        (self.logarithm + self.product.ln()).four().sum()
-    }
-}
-
-macro_rules! operator {
-    ($trait:ident, $method:ident, $of_unit:ident) => {
-        impl<S: Unit> $trait for Quad<S> {
-            type Output = Self;
-            #[inline(always)]
-            fn $method(self, other: Self) -> Self {
-                Self { value: self.unit.$of_unit(self.value, other.value), ..self }
-            }
-        }
-    };
-}
-operator!(Add, add, add_f64s);
-operator!(Sub, sub, sub_f64s);
-operator!(Mul, mul, mul_f64s);
-operator!(Div, div, div_f64s);
-
-impl<S: Unit> Neg for Quad<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self { value: self.unit.neg_f64s(self.value), ..self }
-    }
-}
-
-impl<S: Unit> AddAssign for Quad<S> {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
-/// Three components, each for four lines.
-pub(crate) type Quads<S> = [Quad<S>; 3];
-
-/// Components as they are kept.
-#[inline(always)]
-pub(crate) fn quads<S: Unit, const N: usize>(unit: S, numbers: &[Four; N]) -> [Quad<S>; N] {
-    let mut all = [Quad::splat(unit, 0.0); N];
-    for (to, from) in all.iter_mut().zip(numbers) {
-        *to = Quad::of(unit, *from);
-    }
-    all
-}
-
-/// One vector in all lanes.
-#[inline(always)]
-pub(crate) fn splat3<S: Unit>(unit: S, v: &Vector3<f64>) -> Quads<S> {
-    [Quad::splat(unit, v.x), Quad::splat(unit, v.y), Quad::splat(unit, v.z)]
-}
-
-/// `a · b`, lane by lane.
-#[inline(always)]
-pub(crate) fn dot<S: Unit>(a: &Quads<S>, b: &Quads<S>) -> Quad<S> {
-    a[2].mul_add(b[2], a[1].mul_add(b[1], a[0] * b[0]))
-}
-
-/// `a x b`, lane by lane.
-#[inline(always)]
-pub(crate) fn cross<S: Unit>(a: &Quads<S>, b: &Quads<S>) -> Quads<S> {
-    let component = |i: usize, k: usize| a[k].mul_sub_from(b[i], a[i] * b[k]);
-    [component(1, 2), component(2, 0), component(0, 1)]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tracking::register::{Kernel, dispatch};
+    use pulp::Scalar256b;
 
     #[derive(Clone, Copy)]
     struct All(f64);
@@ -371,7 +155,7 @@ mod tests {
         type Output = [Four; 4];
         fn run<S: Unit>(self, unit: S) -> [Four; 4] {
             let x = Quad::splat(unit, self.0);
-            [x.exp(), x.exp().ln(), x.exp().inverse_cube_root(), x.exp().inverse_fifth_root()].map(Quad::four)
+            [x.exp(), x.exp().ln(), x.exp().inverse_cube_root(), x.exp().inverse_fifth_root()].map(Register::numbers)
         }
     }
 

@@ -7,38 +7,120 @@
 //! the 13 mm of a marker set it changes by less than 3 per cent.
 
 use super::failure::Failure;
-use super::lanes::{Four, LANES, Three, cross, dot, splat3, three};
+use super::lanes::{Eight, Four, LANES, Three, cross, dot, splat3, three};
 use super::noise::{COMPONENTS, LineNoise};
 use crate::line::{Line, SHORTEST_LINE_M};
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
-/// Where four lines run.
+/// Where four lines run, or eight in single precision.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Rays {
+pub(crate) struct Rays<T = Four> {
     /// Unit directions.
-    pub(crate) direction: Three,
+    pub(crate) direction: [T; 3],
     /// Points of the lines nearest to the origin, from it, m.
-    pub(crate) foot_m: Three,
+    pub(crate) foot_m: [T; 3],
     /// 1 for a line, 0 for a pack's empty places.
-    pub(crate) filled: Four,
+    pub(crate) filled: T,
 }
 
-/// The noise of four lines.
+/// The noise of four lines, or of eight in single precision.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Shapes {
-    pub(crate) e1: Three,
-    pub(crate) e2: Three,
+pub(crate) struct Shapes<T = Four> {
+    pub(crate) e1: [T; 3],
+    pub(crate) e2: [T; 3],
     /// `(e1·c, e2·c)`, m.
-    pub(crate) at: [Four; 2],
+    pub(crate) at: [T; 2],
     /// `P_k` as 11, 12, 22, 1/m².
-    pub(crate) precision: [[Four; 3]; COMPONENTS],
+    pub(crate) precision: [[T; 3]; COMPONENTS],
     /// `c_k`, 1/m².
-    pub(crate) peak: [Four; COMPONENTS],
+    pub(crate) peak: [T; COMPONENTS],
     /// Density of the background at the markers, 1/m².
-    pub(crate) background: Four,
+    pub(crate) background: T,
     /// 1 for a line, 0 for a pack's empty places.
-    pub(crate) filled: Four,
+    pub(crate) filled: T,
+}
+
+/// Two packs of four lines as one of eight in single precision.
+pub(crate) trait Paired: Copy {
+    type Single;
+
+    fn single(&self, second: &Self) -> Self::Single;
+    /// The same lines, which count for nothing.
+    fn emptied(&self) -> Self;
+}
+
+#[inline(always)]
+fn singles<const N: usize>(first: &[Four; N], second: &[Four; N]) -> [Eight; N] {
+    let mut both = [Eight::default(); N];
+    for i in 0..N {
+        both[i] = Eight::of(first[i], second[i]);
+    }
+    both
+}
+
+impl Paired for Rays {
+    type Single = Rays<Eight>;
+
+    #[inline(always)]
+    fn single(&self, second: &Self) -> Rays<Eight> {
+        Rays {
+            direction: singles(&self.direction, &second.direction),
+            foot_m: singles(&self.foot_m, &second.foot_m),
+            filled: Eight::of(self.filled, second.filled),
+        }
+    }
+
+    #[inline(always)]
+    fn emptied(&self) -> Self {
+        Self { filled: Four::ZERO, ..*self }
+    }
+}
+
+impl Paired for Shapes {
+    type Single = Shapes<Eight>;
+
+    #[inline(always)]
+    fn single(&self, second: &Self) -> Shapes<Eight> {
+        Shapes {
+            e1: singles(&self.e1, &second.e1),
+            e2: singles(&self.e2, &second.e2),
+            at: singles(&self.at, &second.at),
+            precision: three!(k => singles(&self.precision[k], &second.precision[k])),
+            peak: singles(&self.peak, &second.peak),
+            background: Eight::of(self.background, second.background),
+            filled: Eight::of(self.filled, second.filled),
+        }
+    }
+
+    #[inline(always)]
+    fn emptied(&self) -> Self {
+        Self { filled: Four::ZERO, ..*self }
+    }
+}
+
+/// Packs of four as packs of eight in single precision.
+pub(crate) struct ToSingles<'a, P: Paired> {
+    pub(crate) packs: &'a [P],
+    pub(crate) singles: &'a mut Vec<P::Single>,
+}
+
+impl<P: Paired> ToSingles<'_, P> {
+    pub(crate) fn run(self) {
+        self.singles.clear();
+        Arch::new().dispatch(self);
+    }
+}
+
+impl<P: Paired> WithSimd for ToSingles<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (pairs, last) = self.packs.as_chunks::<2>();
+        self.singles.extend(pairs.iter().map(|[first, second]| first.single(second)));
+        self.singles.extend(last.iter().map(|pack| pack.single(&pack.emptied())));
+    }
 }
 
 /// Four lines as they come.
@@ -56,6 +138,8 @@ pub struct Window {
     pub(crate) rays: Vec<Rays>,
     /// Of the lines that pass near: the others are no one's, they count for nothing.
     pub(crate) shapes: Vec<Shapes>,
+    /// The same in single precision: what a climb looks at.
+    pub(crate) single_shapes: Vec<Shapes<Eight>>,
     /// Index in the given slice of each line that is in.
     pub(crate) indices: Vec<u32>,
     /// Index in the given slice of each line that passes near.
@@ -121,6 +205,7 @@ impl Window {
         self.ends.clear();
         self.rays.clear();
         self.shapes.clear();
+        self.single_shapes.clear();
         self.origin_world_m = how.about_world_m;
         // Without a budget, or within it, all are taken.
         let most = how.budget.filter(|most| *most < lines.len());
@@ -161,6 +246,7 @@ impl Window {
         self.shapes.clear();
         let (ends, origin, shapes) = (&self.near_ends, &self.origin_world_m, &mut self.shapes);
         Arch::new().dispatch(ToShapes { ends, origin, noise, shapes });
+        ToSingles { packs: &self.shapes, singles: &mut self.single_shapes }.run();
         self.background_per_m2 = 1.0 / (std::f64::consts::PI * noise.background_radius_m.powi(2));
     }
 
