@@ -194,9 +194,30 @@ impl Centroid {
     }
 
     fn solve(&self) -> Result<Vector3<f64>, Failure> {
-        let spread = relative_spread(&self.sums.matrix);
-        let solution = (spread > PARALLEL).then(|| self.sums.matrix.cholesky()).flatten();
-        solution.map(|c| c.solve(&self.sums.side_m)).ok_or(Failure::Parallel { spread })
+        let m = &self.sums.matrix;
+        // The adjugate's rows; it is symmetric as the matrix is.
+        let [a, b, c] = [
+            m[(1, 1)] * m[(2, 2)] - m[(1, 2)] * m[(1, 2)],
+            m[(0, 2)] * m[(1, 2)] - m[(0, 1)] * m[(2, 2)],
+            m[(0, 1)] * m[(1, 2)] - m[(0, 2)] * m[(1, 1)],
+        ];
+        let [d, e, f] = [
+            m[(0, 0)] * m[(2, 2)] - m[(0, 2)] * m[(0, 2)],
+            m[(0, 1)] * m[(0, 2)] - m[(0, 0)] * m[(1, 2)],
+            m[(0, 0)] * m[(1, 1)] - m[(0, 1)] * m[(0, 1)],
+        ];
+        let determinant = m[(0, 0)] * a + m[(0, 1)] * b + m[(0, 2)] * c;
+        let spread = relative_spread(determinant, m.trace());
+        if !(spread > PARALLEL) {
+            return Err(Failure::Parallel { spread });
+        }
+        let v = &self.sums.side_m;
+        let solution = Vector3::new(
+            a * v.x + b * v.y + c * v.z,
+            b * v.x + d * v.y + e * v.z,
+            c * v.x + e * v.y + f * v.z,
+        );
+        Ok(solution / determinant)
     }
 
     /// Eq. 3.4 and 3.5 to their rest.
@@ -233,6 +254,9 @@ impl Centroid {
         self.look.limit_m = limit_m;
         self.look.far.clear();
         for (pack, distances) in self.distances_m[..self.kept.len()].iter().enumerate() {
+            if distances.0.iter().all(|distance_m| *distance_m <= limit_m) {
+                continue;
+            }
             for (lane, distance_m) in distances.0.iter().enumerate() {
                 if *distance_m > limit_m {
                     self.look.far.push((pack * LANES + lane, *distance_m));
@@ -355,9 +379,9 @@ pub(crate) fn ray(rays: &[Rays], k: usize) -> (Vector3<f64>, Vector3<f64>) {
 
 /// Determinant over the cube of a third of the trace, to the power that makes it a ratio of eigenvalues where one is small: cheap,
 /// and zero exactly where the lines run one way.
-fn relative_spread(matrix: &Matrix3<f64>) -> f64 {
-    let mean = matrix.trace() / 3.0;
-    if mean > 0.0 { (matrix.determinant() / (mean * mean * mean)).max(0.0) } else { 0.0 }
+fn relative_spread(determinant: f64, trace: f64) -> f64 {
+    let mean = trace / 3.0;
+    if mean > 0.0 { (determinant / (mean * mean * mean)).max(0.0) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ use super::{Memory, Prior, Reinitialized, Rival, Role, Tracked};
 use crate::line::Line;
 use crate::markers::MarkerSet;
 use lumenav_core::PriorUse;
-use lumenav_core::pose::{oplus, skew};
+use lumenav_core::pose::oplus;
 use nalgebra::{Cholesky, Const, Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 
 /// Largest move of a marker below which an iteration rests, m (than2015, section 3.4.3).
@@ -241,10 +241,12 @@ impl Classic {
         /// Quadratic convergence: three steps leave nothing, whatever the first turn.
         const STEPS: usize = 3;
         for _ in 0..STEPS {
-            let (matrix, side) = self.normal(pose);
+            let (matrix, side) = self.normal_world(pose);
             let Some(root) = Cholesky::<f64, Const<6>>::new(matrix) else { return false };
             let mut step = root.solve(&side);
-            let turn = step.fixed_rows::<3>(3).norm();
+            let turned = pose.rotation.inverse() * step.fixed_rows::<3>(3).into_owned();
+            step.fixed_rows_mut::<3>(3).copy_from(&turned);
+            let turn = turned.norm();
             // A long turn leaves the region of the linear form.
             if turn > 0.5 {
                 step *= 0.5 / turn;
@@ -260,22 +262,21 @@ impl Classic {
         true
     }
 
-    /// `Σ Jᵀ A J` and `Σ Jᵀ (V - A M)` by `[δp_world, δθ_capsule]`.
-    fn normal(&self, pose: &Isometry3<f64>) -> (Matrix6<f64>, Vector6<f64>) {
+    /// `Σ Jᵀ A J` and `Σ Jᵀ (V - A M)` by `[δp, δφ]`, both in world axes: J = [1, -[a]x], a the marker's arm.
+    fn normal_world(&self, pose: &Isometry3<f64>) -> (Matrix6<f64>, Vector6<f64>) {
         let (mut pp, mut pr, mut rr) = (Matrix3::zeros(), Matrix3::zeros(), Matrix3::zeros());
         let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
         for (m, s) in self.body.markers_m.iter().zip(&self.sums) {
             let arm = pose.rotation * m;
             let f = s.side_m - s.matrix * (pose.translation.vector + arm);
-            let k = skew(&arm);
             force += f;
             torque += arm.cross(&f);
             pp += s.matrix;
-            pr -= s.matrix * k;
-            rr -= k * s.matrix * k;
+            // -A [a]x, whose columns are a x A_i since A is symmetric, turned over; then [a]x of it.
+            let lever = across(&arm, &s.matrix).transpose();
+            pr += lever;
+            rr += across(&arm, &lever);
         }
-        let r = pose.rotation.to_rotation_matrix().into_inner();
-        let (pr, rr, torque) = (pr * r, r.transpose() * rr * r, r.transpose() * torque);
         let mut matrix = Matrix6::zeros();
         matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&pp);
         matrix.fixed_view_mut::<3, 3>(0, 3).copy_from(&pr);
@@ -357,7 +358,10 @@ impl Classic {
 
     /// From the sums of the last pass.
     fn covariance(&self, pose: &Isometry3<f64>) -> Result<Matrix6<f64>, Failure> {
-        let (matrix, _) = self.normal(pose);
+        let (matrix, _) = self.normal_world(pose);
+        let mut to_world = Matrix6::identity();
+        to_world.fixed_view_mut::<3, 3>(3, 3).copy_from(&pose.rotation.to_rotation_matrix().into_inner());
+        let matrix = to_world.transpose() * matrix * to_world;
         let weight: f64 = self.sums.iter().map(|s| s.weight).sum();
         let variance_m2 = 0.5 * self.cost_m2 / weight.max(f64::MIN_POSITIVE);
         let scale = INFLATION * variance_m2.max(SMALLEST_VARIANCE_M2);
@@ -389,6 +393,11 @@ impl Classic {
         }
         done
     }
+}
+
+/// `[a]x M`: a x each column.
+fn across(a: &Vector3<f64>, m: &Matrix3<f64>) -> Matrix3<f64> {
+    Matrix3::from_columns(&[a.cross(&m.column(0)), a.cross(&m.column(1)), a.cross(&m.column(2))])
 }
 
 fn from_origin(pose: &Isometry3<f64>, origin_world_m: &Vector3<f64>) -> Isometry3<f64> {

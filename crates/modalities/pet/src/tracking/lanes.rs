@@ -160,11 +160,11 @@ impl Eight {
         Self([a, b, c, d, e, f, g, h])
     }
 
-    /// Sum of the lanes, always in one order.
+    /// Sum of the lanes, always in one order, in double precision.
     #[inline(always)]
     pub(crate) fn sum(self) -> f64 {
-        let [a, b, c, d, e, f, g, h] = self.0.map(f64::from);
-        ((a + b) + (c + d)) + ((e + f) + (g + h))
+        let at = |lane: usize| f64::from(self.0[lane]);
+        ((at(0) + at(1)) + (at(2) + at(3))) + ((at(4) + at(5)) + (at(6) + at(7)))
     }
 }
 

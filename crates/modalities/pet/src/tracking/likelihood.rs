@@ -22,7 +22,7 @@ use super::lanes::{Eight, Four, three};
 use super::noise::COMPONENTS;
 use super::octet::Octet;
 use super::quad::Quad;
-use super::register::{Kernel, LogSum, Numbers, Register, Unit, cross, dispatch, dot, load, splat3};
+use super::register::{self, Kernel, LogSum, Numbers, Register, Unit, cross, dispatch, dot, load, splat3};
 use super::window::{Shapes, Window};
 use lumenav_core::pose::skew;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
@@ -89,14 +89,20 @@ pub(crate) struct MarkerSums<T = f64> {
     pub(crate) curvature: [T; 6],
 }
 
-impl<T: Copy> MarkerSums<T> {
-    fn nothing(zero: T) -> Self {
+impl<R: Register> MarkerSums<R> {
+    #[inline(always)]
+    fn nothing(zero: R) -> Self {
         Self { lines: zero, force: [zero; 3], curvature: [zero; 6] }
     }
 
+    /// Over the lanes.
     #[inline(always)]
-    fn map<U>(self, of: impl Fn(T) -> U) -> MarkerSums<U> {
-        MarkerSums { lines: of(self.lines), force: self.force.map(&of), curvature: self.curvature.map(&of) }
+    fn added(&self) -> MarkerSums {
+        MarkerSums {
+            lines: self.lines.numbers().sum(),
+            force: register::sums(&self.force),
+            curvature: register::sums(&self.curvature),
+        }
     }
 }
 
@@ -201,9 +207,13 @@ impl<P: Purpose, T: Numbers, const J: usize> Kernel for Loop<'_, P, T, J> {
         let sums = Sums {
             log_likelihood: sums.log_likelihood.sum(),
             background: sums.background.numbers().sum(),
-            outer: sums.outer.map(|sum| sum.numbers().sum()),
+            outer: register::sums(&sums.outer),
         };
-        (sums, of_marker.map(|m| m.map(|sum| sum.numbers().sum())))
+        let mut added = [MarkerSums::default(); J];
+        for (to, from) in added.iter_mut().zip(&of_marker) {
+            *to = from.added();
+        }
+        (sums, added)
     }
 }
 
@@ -218,11 +228,7 @@ struct Spread<R> {
 impl<R: Register> Spread<R> {
     #[inline(always)]
     fn new(unit: R::Unit, of: &Placed) -> Self {
-        Self {
-            at: splat3(unit, &of.at_m),
-            arm: splat3(unit, &of.arm_m),
-            weight: R::splat(unit, of.weight),
-        }
+        Self { at: splat3(unit, &of.at_m), arm: splat3(unit, &of.arm_m), weight: R::splat(unit, of.weight) }
     }
 }
 

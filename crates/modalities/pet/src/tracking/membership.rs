@@ -15,7 +15,7 @@
 use super::lanes::{Eight, three};
 use super::likelihood::MAX_MARKERS;
 use super::octet::Octet;
-use super::register::{Kernel, Register, Unit, dispatch, dot, load, splat3};
+use super::register::{Kernel, Register, Unit, dispatch, dot, load, splat3, sums};
 use super::window::Rays;
 use nalgebra::{Matrix3, Vector3};
 
@@ -61,7 +61,7 @@ struct Spread<S: Unit> {
 
 /// What eight lines add to each sum of a marker.
 #[derive(Clone, Copy, Default)]
-struct Sums<T = Eight> {
+struct Sums<T = f64> {
     members: T,
     weight: T,
     side: [T; 3],
@@ -69,7 +69,12 @@ struct Sums<T = Eight> {
 }
 
 /// A pass: memberships at these places with these shares; `Σ u^q d²`, m².
-pub(crate) fn pass(rays: &[Rays<Eight>], places_m: &[Vector3<f64>], shares: &[f64], out: &mut [Share]) -> f64 {
+pub(crate) fn pass(
+    rays: &[Rays<Eight>],
+    places_m: &[Vector3<f64>],
+    shares: &[f64],
+    out: &mut [Share],
+) -> f64 {
     fn fixed<const J: usize>(
         rays: &[Rays<Eight>],
         places_m: &[Vector3<f64>],
@@ -86,10 +91,10 @@ pub(crate) fn pass(rays: &[Rays<Eight>], places_m: &[Vector3<f64>], shares: &[f6
         let (cost_m2, sums) = dispatch(Loop { rays, placed: &placed });
         for (share, s) in out.iter_mut().zip(&sums[..used]) {
             *share = Share {
-                members: s.members.sum(),
-                weight: s.weight.sum(),
-                side_m: Vector3::from(s.side.map(Eight::sum)),
-                matrix: Matrix3::identity() * s.weight.sum() - super::likelihood::symmetric(&s.matrix.map(Eight::sum)),
+                members: s.members,
+                weight: s.weight,
+                side_m: Vector3::from(s.side),
+                matrix: Matrix3::identity() * s.weight - super::likelihood::symmetric(&s.matrix),
             };
         }
         cost_m2
@@ -144,7 +149,11 @@ impl<const J: usize> Kernel for Loop<'_, J> {
                 sums[k] = of_marker;
             }
         }
-        (cost.numbers().sum(), sums.map(|s| s.map(Register::numbers)))
+        let mut added = [Sums::default(); J];
+        for (to, from) in added.iter_mut().zip(&sums) {
+            *to = from.added();
+        }
+        (cost.numbers().sum(), added)
     }
 }
 
@@ -207,6 +216,13 @@ impl<S: Unit, const J: usize> Pack<S, J> {
 }
 
 impl<S: Unit> Sums<Octet<S>> {
+    /// Over the lanes.
+    #[inline(always)]
+    fn added(&self) -> Sums {
+        let [members, weight] = sums(&[self.members, self.weight]);
+        Sums { members, weight, side: sums(&self.side), matrix: sums(&self.matrix) }
+    }
+
     /// Eight lines of these weights u^q.
     #[inline(always)]
     fn add(&mut self, w: Octet<S>, n: &[Octet<S>; 3], foot: &[Octet<S>; 3]) {
@@ -219,13 +235,5 @@ impl<S: Unit> Sums<Octet<S>> {
         for (sum, (i, l)) in self.matrix.iter_mut().zip(pairs) {
             *sum = wn[i].mul_add(n[l], *sum);
         }
-    }
-}
-
-impl<T> Sums<T> {
-    #[inline(always)]
-    fn map<U>(self, of: impl Fn(T) -> U) -> Sums<U> {
-        let (members, weight) = (of(self.members), of(self.weight));
-        Sums { members, weight, side: self.side.map(&of), matrix: self.matrix.map(&of) }
     }
 }

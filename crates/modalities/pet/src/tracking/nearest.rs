@@ -16,7 +16,12 @@ pub(crate) struct Nearest {
 }
 
 /// The nearest markers of a window's lines, within a reach, into `found`.
-pub(crate) fn nearest(rays: &[Rays<Eight>], markers_m: &[Vector3<f64>], reach_m: f64, found: &mut Vec<Nearest>) {
+pub(crate) fn nearest(
+    rays: &[Rays<Eight>],
+    markers_m: &[Vector3<f64>],
+    reach_m: f64,
+    found: &mut Vec<Nearest>,
+) {
     found.clear();
     dispatch(Loop { rays, markers_m, reach_m, found });
 }

@@ -155,7 +155,8 @@ mod tests {
         type Output = [Four; 4];
         fn run<S: Unit>(self, unit: S) -> [Four; 4] {
             let x = Quad::splat(unit, self.0);
-            [x.exp(), x.exp().ln(), x.exp().inverse_cube_root(), x.exp().inverse_fifth_root()].map(Register::numbers)
+            [x.exp(), x.exp().ln(), x.exp().inverse_cube_root(), x.exp().inverse_fifth_root()]
+                .map(Register::numbers)
         }
     }
 

@@ -302,6 +302,16 @@ pub(crate) fn load<S: Unit, T: Numbers, const N: usize>(unit: S, numbers: &[T; N
     all
 }
 
+/// Sum of each register's lanes. (A loop: `array::map` is not always inlined.)
+#[inline(always)]
+pub(crate) fn sums<R: Register, const N: usize>(registers: &[R; N]) -> [f64; N] {
+    let mut all = [0.0; N];
+    for (to, from) in all.iter_mut().zip(registers) {
+        *to = from.numbers().sum();
+    }
+    all
+}
+
 /// One vector in all lanes.
 #[inline(always)]
 pub(crate) fn splat3<R: Register>(unit: R::Unit, v: &Vector3<f64>) -> [R; 3] {
