@@ -97,17 +97,19 @@ impl EllipticCylinder {
     /// a ray that starts inside.
     pub fn chord_m(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
         let p = from_m - self.centre_m;
-        let (px, py) = (p.x / self.semi_axis_x_m, p.y / self.semi_axis_y_m);
-        let (dx, dy) = (direction.x / self.semi_axis_x_m, direction.y / self.semi_axis_y_m);
-        let (a, b, c) = (dx * dx + dy * dy, px * dx + py * dy, px * px + py * py - 1.0);
+        // Both sides of the ellipse's equation times the squares of the axes: no division.
+        let (x, y) = (self.semi_axis_x_m * self.semi_axis_x_m, self.semi_axis_y_m * self.semi_axis_y_m);
+        let a = y * direction.x * direction.x + x * direction.y * direction.y;
+        let b = y * p.x * direction.x + x * p.y * direction.y;
+        let c = y * p.x * p.x + x * p.y * p.y - x * y;
         let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
         if a > 0.0 {
-            let root = (b * b - a * c).max(-1.0);
-            if root < 0.0 {
+            let square = b * b - a * c;
+            if !(square >= 0.0) {
                 return None;
             }
-            let root = root.sqrt();
-            (near, far) = ((-b - root) / a, (-b + root) / a);
+            let (root, inverse) = (square.sqrt(), 1.0 / a);
+            (near, far) = ((-b - root) * inverse, (-b + root) * inverse);
         } else if c > 0.0 {
             return None;
         }
@@ -116,11 +118,24 @@ impl EllipticCylinder {
                 return None;
             }
         } else {
-            let ends = [-self.half_length_m, self.half_length_m].map(|end| (end - p.z) / direction.z);
-            near = near.max(ends[0].min(ends[1]));
-            far = far.min(ends[0].max(ends[1]));
+            let inverse = 1.0 / direction.z;
+            let (middle, half) = (-p.z * inverse, self.half_length_m * inverse.abs());
+            near = near.max(middle - half);
+            far = far.min(middle + half);
         }
         (near < far).then_some((near, far))
+    }
+
+    /// A cylinder all of whose places lie at least so deep in this one, m; `None` where none does.
+    fn shrunk(&self, by_m: f64) -> Option<Self> {
+        let share = 1.0 - by_m / self.semi_axis_x_m.min(self.semi_axis_y_m);
+        let half_length_m = self.half_length_m - by_m;
+        (share > 0.0 && half_length_m > 0.0).then_some(Self {
+            semi_axis_x_m: share * self.semi_axis_x_m,
+            semi_axis_y_m: share * self.semi_axis_y_m,
+            half_length_m,
+            ..*self
+        })
     }
 }
 
@@ -249,6 +264,22 @@ impl Phantom {
             }
             Shape::Voxels(grid) => grid.optical_depth_511(from_m, direction),
         }
+    }
+
+    /// No way to a place from anywhere within a distance of another has a smaller optical depth at 511 keV, dimensionless. (0, which
+    /// is true of anything, for voxels.)
+    ///
+    /// A point of such a way lies within the distance of the point of the middle one that divides it alike: where that is so deep in the
+    /// body, this one is in it.
+    pub fn least_optical_depth_511(&self, from_m: &Vector3<f64>, to_m: &Vector3<f64>, within_m: f64) -> f64 {
+        let Shape::Cylinder(cylinder, material) = &self.shape else { return 0.0 };
+        let way = to_m - from_m;
+        let distance_m = way.norm();
+        let Some(deep) = cylinder.shrunk(within_m).filter(|_| distance_m > within_m) else { return 0.0 };
+        let inside_m = deep
+            .chord_m(from_m, &(way / distance_m))
+            .map_or(0.0, |(near, far)| far.clamp(0.0, distance_m) - near.max(0.0));
+        inside_m.max(0.0) * (1.0 - within_m / distance_m) * material.attenuation_511_per_m
     }
 }
 

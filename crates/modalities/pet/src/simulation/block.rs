@@ -94,22 +94,36 @@ impl BlockPhysics {
     /// Entry and exit of a ray through the block, through any of its six sides, as distances along `direction`, m; `None` where it
     /// misses or the block lies behind. The entry is 0 for a photon inside. Block coordinates.
     pub fn chord_m(&self, place_m: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64)> {
-        let lower = [-self.half_m[0], -self.half_m[1], 0.0];
-        let upper = [self.half_m[0], self.half_m[1], self.grid.depth_m];
+        let half_depth_m = 0.5 * self.grid.depth_m;
+        let half = [self.half_m[0], self.half_m[1], half_depth_m];
+        let from_middle = [place_m.x, place_m.y, place_m.z - half_depth_m];
         let (mut near_m, mut far_m) = (0.0_f64, f64::INFINITY);
         for axis in 0..3 {
             if direction[axis] == 0.0 {
-                if place_m[axis] < lower[axis] || place_m[axis] > upper[axis] {
+                if from_middle[axis].abs() > half[axis] {
                     return None;
                 }
                 continue;
             }
             let inverse = 1.0 / direction[axis];
-            let (a, b) = ((lower[axis] - place_m[axis]) * inverse, (upper[axis] - place_m[axis]) * inverse);
-            near_m = near_m.max(a.min(b));
-            far_m = far_m.min(a.max(b));
+            let (middle_m, reach_m) = (-from_middle[axis] * inverse, half[axis] * inverse.abs());
+            near_m = near_m.max(middle_m - reach_m);
+            far_m = far_m.min(middle_m + reach_m);
         }
         (near_m < far_m).then_some((near_m, far_m))
+    }
+
+    /// Whether a ray from before the face certainly passes beside the block: it meets the face's plane further out than its depth could bring
+    /// it in. Told without a division; block coordinates.
+    pub fn is_missed_from_the_front(&self, place_m: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
+        let (inward, before_m) = (direction.z, -place_m.z);
+        if !(inward > 0.0 && before_m >= 0.0) {
+            return false;
+        }
+        (0..2).any(|axis| {
+            let on_plane = (place_m[axis] * inward + direction[axis] * before_m).abs();
+            on_plane > self.half_m[axis] * inward + direction[axis].abs() * self.grid.depth_m
+        })
     }
 
     /// Column and row of the crystal that holds a place; `None` in a gap or beside the block.

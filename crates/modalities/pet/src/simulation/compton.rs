@@ -48,27 +48,69 @@ pub fn scattered_share(energy_ev: f64, cos_angle: f64) -> f64 {
 }
 
 /// Draws one scattering: the energy afterwards over the energy before, and the cosine of the angle.
+pub fn scatter<R: Rng + ?Sized>(energy_ev: f64, random: &mut R) -> (f64, f64) {
+    Scatter::new(energy_ev, 0.0).draw(random)
+}
+
+/// Scatterings of photons of one energy that keep at least a share of it.
 ///
 /// Composition of `1/ε` and `ε`, each inverted, and rejection on `1 - ε sin² θ / (1 + ε²)` (Butcher and Messel 1960, as in the
-/// manuals of EGS and Geant4).
-pub fn scatter<R: Rng + ?Sized>(energy_ev: f64, random: &mut R) -> (f64, f64) {
-    let k = energy_ev / ELECTRON_REST_ENERGY_EV;
-    let least = 1.0 / (1.0 + 2.0 * k);
-    let least2 = least * least;
-    let log = -least.ln();
-    let of_inverse = log / (log + 0.5 * (1.0 - least2));
-    loop {
-        let share = if random.random::<f64>() < of_inverse {
-            (-log * random.random::<f64>()).exp()
-        } else {
-            (least2 + (1.0 - least2) * random.random::<f64>()).sqrt()
-        };
-        let versine = ((1.0 - share) / (k * share)).min(2.0);
-        let sin2 = versine * (2.0 - versine);
-        if random.random::<f64>() * (1.0 + share * share) < 1.0 + share * share - share * sin2 {
-            return (share, 1.0 - versine);
+/// manuals of EGS and Geant4). Of all scatterings they are the share `(F(1) - F(ε_least)) / (F(1) - F(1 / (1 + 2k)))`,
+///
+/// ```text
+/// dσ/dε = π r_e²/k (1/ε + ε - sin² θ),    F(ε) = ln ε + ε²/2 - (2/k) (ln ε - ε) + (ε - 1/ε - 2 ln ε)/k²
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scatter {
+    k: f64,
+    least2: f64,
+    /// `-ln ε_least`.
+    log: f64,
+    /// Share of `1/ε` in the composition.
+    of_inverse: f64,
+    share: f64,
+}
+
+impl Scatter {
+    /// Of photons of an energy, eV, that keep at least `least_share` of it.
+    pub fn new(energy_ev: f64, least_share: f64) -> Self {
+        let k = energy_ev / ELECTRON_REST_ENERGY_EV;
+        let of_all = 1.0 / (1.0 + 2.0 * k);
+        let least = least_share.clamp(of_all, 1.0);
+        let (least2, log) = (least * least, -least.ln());
+        let share = if least > of_all { integral_up_to_1(k, least) / integral_up_to_1(k, of_all) } else { 1.0 };
+        Self { k, least2, log, of_inverse: log / (log + 0.5 * (1.0 - least2)), share }
+    }
+
+    /// Their share of all scatterings.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// Draws one: the energy afterwards over the energy before, and the cosine of the angle.
+    pub fn draw<R: Rng + ?Sized>(&self, random: &mut R) -> (f64, f64) {
+        loop {
+            let share = if random.random::<f64>() < self.of_inverse {
+                (-self.log * random.random::<f64>()).exp()
+            } else {
+                (self.least2 + (1.0 - self.least2) * random.random::<f64>()).sqrt()
+            };
+            let versine = ((1.0 - share) / (self.k * share)).min(2.0);
+            let sin2 = versine * (2.0 - versine);
+            if random.random::<f64>() * (1.0 + share * share) < 1.0 + share * share - share * sin2 {
+                return (share, 1.0 - versine);
+            }
         }
     }
+}
+
+/// `F(1) - F(ε)` of [`Scatter`].
+fn integral_up_to_1(k: f64, share: f64) -> f64 {
+    let of = |e: f64| {
+        let log = e.ln();
+        log + 0.5 * e * e - 2.0 / k * (log - e) + (e - 1.0 / e - 2.0 * log) / (k * k)
+    };
+    of(1.0) - of(share)
 }
 
 /// A direction at an angle from another, turned about it at random.
@@ -111,14 +153,10 @@ pub fn isotropic<R: Rng + ?Sized>(random: &mut R) -> Vector3<f64> {
     Vector3::new(x * out, y * out, 1.0 - 2.0 * square)
 }
 
-/// A point drawn evenly in the unit ball.
+/// A point drawn evenly in the unit ball: of three numbers drawn evenly the largest is as far out.
 pub fn in_ball<R: Rng + ?Sized>(random: &mut R) -> Vector3<f64> {
-    loop {
-        let point = Vector3::from_fn(|_, _| 2.0 * random.random::<f64>() - 1.0);
-        if point.norm_squared() <= 1.0 {
-            return point;
-        }
-    }
+    let [a, b, c]: [f64; 3] = random.random();
+    isotropic(random) * a.max(b).max(c)
 }
 
 #[cfg(test)]
@@ -128,6 +166,44 @@ mod tests {
 
     /// One barn, m².
     const BARN_M2: f64 = 1e-28;
+
+    /// The whole integral is the cross section's closed form; scatterings that keep a share are those of all that do: cosines by their mean
+    /// and spread within five standard errors, their share within four.
+    #[test]
+    fn law_scatterings_that_keep_a_share_are_those_of_all_that_do() {
+        for energy_ev in [200e3, ELECTRON_REST_ENERGY_EV, 1274.5e3] {
+            let k = energy_ev / ELECTRON_REST_ENERGY_EV;
+            let area_m2 = std::f64::consts::PI * ELECTRON_RADIUS_M * ELECTRON_RADIUS_M / k;
+            let whole = area_m2 * integral_up_to_1(k, 1.0 / (1.0 + 2.0 * k));
+            assert!((whole / klein_nishina_m2(energy_ev) - 1.0).abs() < 1e-12);
+        }
+        let mut random = RandomStreams::new(6, 0, "compton").stream("kept", 0);
+        let (least, n) = (0.65, 200_000);
+        let kept = Scatter::new(ELECTRON_REST_ENERGY_EV, least);
+        let (mut count, mut sums) = (0.0, [[0.0; 2]; 2]);
+        let mut add = |of: usize, cos: f64| {
+            sums[of][0] += cos;
+            sums[of][1] += cos * cos;
+        };
+        for _ in 0..n {
+            let (share, cos) = scatter(ELECTRON_REST_ENERGY_EV, &mut random);
+            if share >= least {
+                count += 1.0;
+                add(0, cos);
+            }
+            let (share, cos) = kept.draw(&mut random);
+            assert!(share >= least * (1.0 - 1e-12));
+            add(1, cos);
+        }
+        let all = f64::from(n);
+        let error = (kept.share() * (1.0 - kept.share()) / all).sqrt();
+        assert!((count / all - kept.share()).abs() < 4.0 * error, "{} {}", count / all, kept.share());
+        let [mean, other] = [sums[0][0] / count, sums[1][0] / all];
+        let spread = (sums[0][1] / count - mean * mean).sqrt();
+        assert!((mean - other).abs() < 5.0 * spread * (1.0 / count + 1.0 / all).sqrt(), "{mean} {other}");
+        let other_spread = (sums[1][1] / all - other * other).sqrt();
+        assert!((spread / other_spread - 1.0).abs() < 0.01, "{spread} {other_spread}");
+    }
 
     #[test]
     fn published_cross_section_at_511_kev_and_thomson_limit() {

@@ -191,22 +191,42 @@ impl Detectors {
             }
         }
         let mut nearest: Option<(usize, f64)> = None;
-        for (block, frame) in self.scanner.blocks.iter().enumerate() {
-            let inward = d.dot(&frame.outward);
-            let from_face = p - frame.centre_world_m;
-            let depth_m = from_face.dot(&frame.outward);
-            if (inward <= 0.0 && depth_m < 0.0) || passed.contains(&block) {
-                continue;
-            }
-            let place = Vector3::new(from_face.dot(&frame.tangential), from_face.dot(&frame.axial), depth_m);
-            let direction = Vector3::new(d.dot(&frame.tangential), d.dot(&frame.axial), inward);
-            if let Some((near_m, _)) = self.physics.chord_m(&place, &direction)
+        for block in 0..self.scanner.blocks.len() {
+            if let Some(near_m) = self.entry_m(block, photon)
                 && nearest.is_none_or(|(_, best_m)| near_m < best_m)
+                && !passed.contains(&block)
             {
                 nearest = Some((block, near_m));
             }
         }
         nearest
+    }
+
+    /// Whether a ray enters this block, and before all others.
+    pub fn enters_first(&self, block: usize, photon: &Photon) -> bool {
+        let Some(near_m) = self.entry_m(block, photon) else { return false };
+        // Of two at one distance the first counts, as in [`Self::first_block`].
+        (0..self.scanner.blocks.len()).filter(|other| *other != block).all(|other| {
+            self.entry_m(other, photon)
+                .is_none_or(|there_m| near_m < there_m || (near_m == there_m && block < other))
+        })
+    }
+
+    /// How far away a ray enters a block, m.
+    fn entry_m(&self, block: usize, photon: &Photon) -> Option<f64> {
+        let (frame, d) = (&self.scanner.blocks[block], &photon.direction);
+        let inward = d.dot(&frame.outward);
+        let from_face = photon.place_m - frame.centre_world_m;
+        let depth_m = from_face.dot(&frame.outward);
+        if inward <= 0.0 && depth_m < 0.0 {
+            return None;
+        }
+        let place = Vector3::new(from_face.dot(&frame.tangential), from_face.dot(&frame.axial), depth_m);
+        let direction = Vector3::new(d.dot(&frame.tangential), d.dot(&frame.axial), inward);
+        if self.physics.is_missed_from_the_front(&place, &direction) {
+            return None;
+        }
+        self.physics.chord_m(&place, &direction).map(|(near_m, _)| near_m)
     }
 
     /// A photon in a block's coordinates.

@@ -7,7 +7,7 @@
 //!   the aimed one, so a decay of which both were direct is kept with probability 1/2.
 //! - **indirect**: no annihilation photon is direct, but one is read out after scattering. Directions are isotropic. To spare time only
 //!   one photon in `K` is followed, and each that is read out is joined by `K` independent sets of other photon and gammas:
-//!   unbiased; that two of the `K` make lines is rare.
+//!   unbiased; that two of the `K` make lines is rare. Those that would be given up after their first scattering are left out beforehand.
 //! - **random**: singles of some thousand whole decays stand for the window's. The number of random lines is Poisson with the mean that
 //!   the allowed pairs among them tell (a U-statistic, so unbiased).
 //!
@@ -190,6 +190,7 @@ impl Forced {
         out: &mut Vec<LabelledLine>,
     ) {
         let draws = super::poisson(photons * self.aim.draws_per_photon(), random);
+        let reach_m = physics.markers[marker].reach_m();
         for _ in 0..draws {
             let after_s = window.duration_s * random.random::<f64>();
             let place_m = paths.at(marker, after_s);
@@ -197,13 +198,18 @@ impl Forced {
             if !self.aim.may_keep(&aimed, physics, &place_m) {
                 continue;
             }
+            // Most do not get out, wherever near the marker they start: they spare the draw of where.
+            let level = random.random::<f64>();
+            if level >= physics.body.most_transmission_511(&place_m, &aimed.point_m, reach_m) {
+                continue;
+            }
             let from_m = place_m + physics.markers[marker].annihilation_offset_m(random);
             let Some(direction) = Aim::keep(&aimed, physics, &from_m) else { continue };
-            if random.random::<f64>() >= physics.body.transmission_511(&from_m, &direction) {
+            if level >= physics.body.transmission_511(&from_m, &direction) {
                 continue;
             }
             let photon = Photon::emitted(from_m, direction, ANNIHILATION_EV);
-            if physics.detectors.first_block(&photon, &[]).is_none_or(|(block, _)| block != aimed.block) {
+            if !physics.detectors.enters_first(aimed.block, &photon) {
                 continue;
             }
             self.first.clear();
@@ -241,16 +247,14 @@ impl Forced {
         out: &mut Vec<LabelledLine>,
     ) {
         let sets = (2.0 / self.aim.draws_per_photon().max(1e-9)).floor().clamp(1.0, MOST_SETS);
-        let draws = super::poisson(photons / sets, random);
+        let draws = super::poisson(photons / sets * physics.body.kept_share_511(), random);
         for _ in 0..draws {
             let after_s = window.duration_s * random.random::<f64>();
             let place_m = paths.at(marker, after_s);
             let from_m = place_m + physics.markers[marker].annihilation_offset_m(random);
             let direction = isotropic(random);
             let mut photon = Photon::emitted(from_m, direction, ANNIHILATION_EV);
-            let Some(scatterings) = physics.body.leave(&mut photon, random).filter(|n| *n > 0) else {
-                continue;
-            };
+            let Some(scatterings) = physics.body.leave_scattered_511(&mut photon, random) else { continue };
             self.first.clear();
             physics.detectors.detect(photon, Kind::Annihilation, scatterings, random, &mut self.first);
             if self.first.as_slice().is_empty() {

@@ -82,6 +82,8 @@ pub struct Isotope {
 pub const MAX_GAMMAS: usize = 6;
 /// The simulator's tables of cross sections end here, keV.
 const MAX_ENERGY_KEV: f64 = 4000.0;
+/// The largest range that is ever drawn, over the mean of its branch.
+const LARGEST_OVER_MEAN: f64 = 10.0;
 /// No positron emitter's mean range is larger, mm (Rb-82: 7.1).
 const MAX_RANGE_MM: f64 = 50.0;
 
@@ -141,23 +143,32 @@ impl Isotope {
 
     /// The largest distance that is ever drawn, m: beyond it lie 4e-8 of the longest branch.
     pub fn largest_range_m(&self) -> f64 {
-        10.0 * self.positrons.iter().map(|p| p.mean_range_m).fold(0.0, f64::max)
+        LARGEST_OVER_MEAN * self.positrons.iter().map(|p| p.mean_range_m).fold(0.0, f64::max)
     }
 
     /// Draws the distance between decay and annihilation in water, m, given that there is a positron.
     pub fn range_m<R: Rng + ?Sized>(&self, random: &mut R) -> f64 {
+        let (branch, largest_m) = match &self.positrons[..] {
+            [only] => (only, LARGEST_OVER_MEAN * only.mean_range_m),
+            _ => (self.branch(random), self.largest_range_m()),
+        };
+        // Shape 2: the sum of two exponential draws.
+        let (a, b): (f64, f64) = (random.sample(Exp1), random.sample(Exp1));
+        (0.5 * branch.mean_range_m * (a + b)).min(largest_m)
+    }
+
+    /// Draws the branch of a positron.
+    fn branch<R: Rng + ?Sized>(&self, random: &mut R) -> &PositronBranch {
         let mut left = random.random::<f64>() * self.positrons_per_decay();
-        let mut branch = self.positrons[0];
+        let mut branch = &self.positrons[0];
         for candidate in &self.positrons {
-            branch = *candidate;
+            branch = candidate;
             if left < candidate.per_decay {
                 break;
             }
             left -= candidate.per_decay;
         }
-        // Shape 2: the sum of two exponential draws.
-        let (a, b): (f64, f64) = (random.sample(Exp1), random.sample(Exp1));
-        (0.5 * branch.mean_range_m * (a + b)).min(self.largest_range_m())
+        branch
     }
 }
 

@@ -4,7 +4,7 @@
 //! method (1965) is used: free paths under the largest coefficient of the body, of which a share is taken that is the true
 //! coefficient over the largest. Coefficients at 511 keV scale with the Klein-Nishina cross section; scattering is Compton's alone.
 
-use super::compton::{ELECTRON_REST_ENERGY_EV, deflected, klein_nishina_m2, scatter};
+use super::compton::{ELECTRON_REST_ENERGY_EV, Scatter, deflected, klein_nishina_m2, scatter};
 use lumenav_anatomy::phantom::Phantom;
 use nalgebra::Vector3;
 use rand::{Rng, RngExt as _};
@@ -90,6 +90,9 @@ pub struct Body {
     ratio: ComptonRatio,
     /// Photons of less are given up, eV.
     kill_ev: f64,
+    /// Scatterings of photons of 511 keV: all, and those after which they are not given up.
+    of_511: Scatter,
+    kept_of_511: Scatter,
     /// How far the body stands from where its file says, m: a bed under the patient.
     moved_m: Vector3<f64>,
 }
@@ -97,7 +100,15 @@ pub struct Body {
 impl Body {
     /// A body (or air alone) in which photons are followed down to an energy, eV.
     pub fn new(phantom: Option<Phantom>, kill_ev: f64) -> Self {
-        Self { phantom, ratio: ComptonRatio::default(), kill_ev, moved_m: Vector3::zeros() }
+        let of_511 = |least_share| Scatter::new(ELECTRON_REST_ENERGY_EV, least_share);
+        Self {
+            phantom,
+            ratio: ComptonRatio::default(),
+            kill_ev,
+            of_511: of_511(0.0),
+            kept_of_511: of_511(kill_ev / ELECTRON_REST_ENERGY_EV),
+            moved_m: Vector3::zeros(),
+        }
     }
 
     /// Stands so far from where its file says, m.
@@ -109,6 +120,12 @@ impl Body {
     pub fn transmission_511(&self, from_m: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
         let from_m = from_m - self.moved_m;
         self.phantom.as_ref().map_or(1.0, |p| (-p.optical_depth_511(&from_m, direction)).exp())
+    }
+
+    /// No photon of 511 keV that flies to a place from anywhere within a distance of another gets there with a larger probability.
+    pub fn most_transmission_511(&self, from_m: &Vector3<f64>, to_m: &Vector3<f64>, within_m: f64) -> f64 {
+        let (from_m, to_m) = (from_m - self.moved_m, to_m - self.moved_m);
+        self.phantom.as_ref().map_or(1.0, |p| (-p.least_optical_depth_511(&from_m, &to_m, within_m)).exp())
     }
 
     /// Follows a photon until it leaves the body for good: how often it scattered, or `None` where its energy fell too low.
@@ -126,7 +143,9 @@ impl Body {
     ) -> Option<u32> {
         let mut scatterings = 0;
         while self.reach_scattering(photon, chord_m, random) {
-            let (share, cos_angle) = scatter(photon.energy_ev, random);
+            let is_first = photon.energy_ev == ELECTRON_REST_ENERGY_EV;
+            let (share, cos_angle) =
+                if is_first { self.of_511.draw(random) } else { scatter(photon.energy_ev, random) };
             photon.energy_ev *= share;
             if photon.energy_ev < self.kill_ev {
                 return None;
@@ -136,6 +155,24 @@ impl Body {
             chord_m = self.chord_m(&photon.place_m, &photon.direction);
         }
         Some(scatterings)
+    }
+
+    /// Share of the photons of 511 keV that scatter which are not given up afterwards.
+    pub fn kept_share_511(&self) -> f64 {
+        self.kept_of_511.share()
+    }
+
+    /// As [`Self::leave`], of a photon of 511 keV that is not given up after its first scattering, of which there are
+    /// [`Self::kept_share_511`]; `None`, too, where it does not scatter.
+    pub fn leave_scattered_511<R: Rng + ?Sized>(&self, photon: &mut Photon, random: &mut R) -> Option<u32> {
+        let chord_m = self.chord_m(&photon.place_m, &photon.direction);
+        if !self.reach_scattering(photon, chord_m, random) {
+            return None;
+        }
+        let (share, cos_angle) = self.kept_of_511.draw(random);
+        photon.energy_ev *= share;
+        photon.direction = deflected(&photon.direction, cos_angle, random);
+        self.leave(photon, random).map(|more| 1 + more)
     }
 
     /// Flies on to the place of the next scattering; `false` where the photon leaves the body without.

@@ -246,7 +246,7 @@ impl Tabulated {
         let (other_block, _) = detectors.first_block(&second.photon, &[])?;
         let block = first.aimed.block;
         if !detectors.scanner().can_coincide(block, other_block)
-            || detectors.first_block(&first.photon, &[])?.0 != block
+            || !detectors.enters_first(block, &first.photon)
         {
             return None;
         }
