@@ -24,18 +24,47 @@ struct Target {
     size_m: [f64; 2],
     /// Upper bound of `D / r³`, 1/m².
     most_per_m2: f64,
-    /// Share of photons through here that is drawn at all.
-    drawn: f64,
-    /// Sum of `A G` times that share up to and with this target.
+    shares: Shares,
+    /// Sum of `A G` times the share that is drawn up to and with this target.
     cumulative: f64,
+}
+
+/// Of the photons through a place, the shares that can matter: at least what is kept of any of them. So many are drawn at all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Shares {
+    /// Gets out of the body, both photons of it where both must.
+    pub through: f64,
+    /// Is accepted by the block.
+    pub first: f64,
+    /// Of its other photon, is accepted by the block that this one meets; 0 where it meets none.
+    pub second: f64,
+}
+
+impl Shares {
+    /// All photons.
+    pub const ALL: Self = Self { through: 1.0, first: 1.0, second: 1.0 };
+    const NONE: Self = Self { through: 0.0, first: 0.0, second: 0.0 };
+
+    /// What is enough for two places.
+    fn or(self, other: Self) -> Self {
+        Self {
+            through: self.through.max(other.through),
+            first: self.first.max(other.first),
+            second: self.second.max(other.second),
+        }
+    }
+
+    fn drawn(self) -> f64 {
+        self.through * self.first * self.second
+    }
 }
 
 /// Targets of one marker during one window.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Aim {
     targets: Vec<Target>,
-    /// Shares drawn at the corners of one rectangle's tiles, row by row.
-    corners: Vec<f64>,
+    /// Shares at the corners of one rectangle's tiles, row by row.
+    corners: Vec<Shares>,
     reach_m: f64,
 }
 
@@ -53,15 +82,14 @@ pub(super) struct Aimed {
 
 impl Aim {
     /// Targets for a marker's way through a window; `false` where it comes too near to a block's plane. Each rectangle is cut into
-    /// `tiles x tiles`; `drawn` tells for a place (world, m) the share of photons that is drawn there: a tile's is the largest of its
-    /// corners', at most 1.
+    /// `tiles x tiles`; `shares` tells those at a place (world, m) of a block's plane: a tile's are the largest of its corners'.
     pub fn set(
         &mut self,
         physics: &Physics,
         paths: &MarkerPaths,
         marker: usize,
         tiles: usize,
-        drawn: impl Fn(&Vector3<f64>) -> f64,
+        shares: impl Fn(usize, &Vector3<f64>) -> Shares,
     ) -> bool {
         self.reach_m = physics.markers[marker].reach_m();
         self.targets.clear();
@@ -95,16 +123,17 @@ impl Aim {
             self.corners.clear();
             for corner in 0..(tiles + 1) * (tiles + 1) {
                 let [h_m, z_m] = corner_m(corner % (tiles + 1), corner / (tiles + 1));
-                self.corners.push(drawn(&scanner.in_block(block, h_m, z_m, 0.0)));
+                self.corners.push(shares(block, &scanner.in_block(block, h_m, z_m, 0.0)));
             }
             for tile in 0..tiles * tiles {
                 let (i, k) = (tile % tiles, tile / tiles);
                 let lower_m = corner_m(i, k);
                 let first = i + k * (tiles + 1);
                 let corners = [first, first + 1, first + tiles + 1, first + tiles + 2];
-                let drawn = corners.iter().map(|corner| self.corners[*corner]).fold(0.0, f64::max).min(1.0);
-                cumulative += size_m[0] * size_m[1] * most_per_m2 * drawn;
-                self.targets.push(Target { block, lower_m, size_m, most_per_m2, drawn, cumulative });
+                let shares = corners.iter().fold(Shares::NONE, |all, corner| all.or(self.corners[*corner]));
+                let shares = Shares { through: shares.through.min(1.0), ..shares };
+                cumulative += size_m[0] * size_m[1] * most_per_m2 * shares.drawn();
+                self.targets.push(Target { block, lower_m, size_m, most_per_m2, shares, cumulative });
             }
         }
         true
@@ -115,9 +144,9 @@ impl Aim {
         self.targets.last().map_or(0.0, |t| t.cumulative) / (4.0 * std::f64::consts::PI)
     }
 
-    /// Rays of a tile's share: what is kept of a ray with some probability is kept with that over this.
-    pub fn drawn(&self, aimed: &Aimed) -> f64 {
-        self.targets[aimed.target].drawn
+    /// Shares by which a ray was drawn: what is kept of it with some probability is kept with that over these.
+    pub fn shares(&self, aimed: &Aimed) -> Shares {
+        self.targets[aimed.target].shares
     }
 
     /// Draws a block and a point.

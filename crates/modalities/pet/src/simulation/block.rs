@@ -116,14 +116,29 @@ impl BlockPhysics {
     /// Whether a ray from before the face certainly passes beside the block: it meets the face's plane further out than its depth could bring
     /// it in. Told without a division; block coordinates.
     pub fn is_missed_from_the_front(&self, place_m: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
-        let (inward, before_m) = (direction.z, -place_m.z);
-        if !(inward > 0.0 && before_m >= 0.0) {
+        direction.z > 0.0 && self.is_missed_from_about(place_m, direction, (0.0, 0.0))
+    }
+
+    /// As [`Self::is_missed_from_the_front`], of all rays that start within a distance, m, and differ in direction by at most an angle, rad.
+    #[inline]
+    pub fn is_missed_from_about(
+        &self,
+        place_m: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        (within_m, within_rad): (f64, f64),
+    ) -> bool {
+        let before_m = -place_m.z;
+        if before_m < within_m {
             return false;
         }
-        (0..2).any(|axis| {
-            let on_plane = (place_m[axis] * inward + direction[axis] * before_m).abs();
-            on_plane > self.half_m[axis] * inward + direction[axis].abs() * self.grid.depth_m
-        })
+        let inward = direction.z + within_rad;
+        inward <= 0.0
+            || (0..2).any(|axis| {
+                let on_plane = (place_m[axis] * direction.z + direction[axis] * before_m).abs();
+                let moved = within_rad * (place_m[axis].abs() + before_m) + within_m * (inward + within_rad);
+                let reach = (direction[axis].abs() + within_rad) * self.grid.depth_m;
+                on_plane - moved > self.half_m[axis] * inward + reach
+            })
     }
 
     /// Column and row of the crystal that holds a place; `None` in a gap or beside the block.

@@ -78,7 +78,8 @@ impl Scatter {
         let of_all = 1.0 / (1.0 + 2.0 * k);
         let least = least_share.clamp(of_all, 1.0);
         let (least2, log) = (least * least, -least.ln());
-        let share = if least > of_all { integral_up_to_1(k, least) / integral_up_to_1(k, of_all) } else { 1.0 };
+        let share =
+            if least > of_all { integral_up_to_1(k, least) / integral_up_to_1(k, of_all) } else { 1.0 };
         Self { k, least2, log, of_inverse: log / (log + 0.5 * (1.0 - least2)), share }
     }
 

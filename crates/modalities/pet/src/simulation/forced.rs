@@ -16,7 +16,7 @@
 //! line is dropped).
 
 use super::Physics;
-use super::aim::Aim;
+use super::aim::{Aim, Shares};
 use super::analog;
 use super::coincidence::LabelledLine;
 use super::compton::isotropic;
@@ -91,14 +91,14 @@ impl Forced {
         out: &mut Vec<LabelledLine>,
     ) -> bool {
         for marker in 0..physics.markers.len() {
-            if !self.aim.set(physics, paths, marker, 1, |_| 1.0) {
+            if !self.aim.set(physics, paths, marker, 1, |_, _| Shares::ALL) {
                 return false;
             }
         }
         self.number = 0;
         self.sample(physics, paths, window, SAMPLED_DECAYS, random);
         for marker in 0..physics.markers.len() {
-            self.aim.set(physics, paths, marker, 1, |_| 1.0);
+            self.aim.set(physics, paths, marker, 1, |_, _| Shares::ALL);
             let photons = 2.0
                 * physics.decay_rate_hz(marker, window.start_s)
                 * window.duration_s
@@ -116,7 +116,7 @@ impl Forced {
 
     /// Aims at the blocks for a marker's way; `false` where it is too near to one.
     pub fn set_aim(&mut self, physics: &Physics, paths: &MarkerPaths, marker: usize) -> bool {
-        self.aim.set(physics, paths, marker, 1, |_| 1.0)
+        self.aim.set(physics, paths, marker, 1, |_, _| Shares::ALL)
     }
 
     /// Follows whole decays, a share of each marker as its activity.

@@ -67,6 +67,8 @@ pub(super) struct Response {
     cosines: [f64; ANGLES - 1],
     /// The largest acceptance of each energy.
     most: [f64; ENERGIES],
+    /// The largest at 511 keV up to and with each angle.
+    most_within: [f64; ANGLES],
 }
 
 impl Response {
@@ -74,13 +76,25 @@ impl Response {
     pub fn new(scanner: &Scanner, physics: &BlockPhysics, kill_ev: f64) -> Self {
         let streams = RandomStreams::new(0, 0, "pet-tables");
         let cosines = std::array::from_fn(|cell| (LARGEST_RAD * (cell + 1) as f64 / ANGLES as f64).cos());
-        let mut table =
-            Self { cosines, grid: scanner.grid, kill_ev, cells: Vec::new(), most: [0.0; ENERGIES] };
+        let mut table = Self {
+            cosines,
+            grid: scanner.grid,
+            kill_ev,
+            cells: Vec::new(),
+            most: [0.0; ENERGIES],
+            most_within: [0.0; ANGLES],
+        };
         for index in 0..ENERGIES * ANGLES * ENTRIES {
             let mut random = streams.stream("response", index as u64);
             let cell = table.fill(scanner, physics, index, &mut random);
             let most = &mut table.most[index % ENERGIES];
             *most = most.max(cell.accepted);
+            if index % ENERGIES == ENERGIES - 1 {
+                let angle = index / ENERGIES % ANGLES;
+                for most in &mut table.most_within[angle..] {
+                    *most = most.max(cell.accepted);
+                }
+            }
             table.cells.push(cell);
         }
         table
@@ -173,9 +187,9 @@ impl Response {
         2 * near + usize::from(direction[axis] * entry_m[axis] < 0.0)
     }
 
-    /// The largest acceptance at 511 keV.
-    pub fn most_at_511(&self) -> f64 {
-        self.most[ENERGIES - 1]
+    /// The largest acceptance at 511 keV of photons that come in under at most an angle, told by its cosine.
+    pub fn most_at_511_within(&self, cosine: f64) -> f64 {
+        self.most_within[self.angle(cosine)]
     }
 
     /// The largest acceptance at an energy.
@@ -197,9 +211,14 @@ impl Response {
         ((part * (ENERGIES - 1) as f64).max(0.0) as usize).min(ENERGIES - 2)
     }
 
+    /// The cell over the angle of incidence.
+    fn angle(&self, cosine: f64) -> usize {
+        self.cosines.iter().filter(|end| cosine <= **end).count()
+    }
+
     /// The cell of a photon that enters at a place (block coordinates).
     fn cell(&self, photon: &Photon) -> &Cell {
-        let angle = self.cosines.iter().filter(|cosine| photon.direction.z <= **cosine).count();
+        let angle = self.angle(photon.direction.z);
         let energy = self.energy(photon.energy_ev);
         &self.cells[(self.kind_of(&photon.place_m, &photon.direction) * ANGLES + angle) * ENERGIES + energy]
     }

@@ -11,14 +11,14 @@
 //! annihilation's (a millimetre beside it); background lines are blurred by the grid's spacing.
 
 use super::Physics;
-use super::aim::{Aim, Aimed};
+use super::aim::{Aim, Aimed, Shares};
 use super::block::Deposit;
 use super::coincidence::LabelledLine;
 use super::compton::deflected;
 use super::detectors::{Hit, Kind, Single};
 use super::forced::{Window, draw_pair, random_line};
 use super::photon::Photon;
-use super::response::Placed;
+use super::response::{Placed, Response};
 use super::source::{ANNIHILATION_EV, MarkerPaths, opposite};
 use super::tables::{Key, Node, SPACING_M, Tables, kind_of};
 use lumenav_core::RandomStream;
@@ -68,6 +68,7 @@ struct First {
     after_s: f64,
     aimed: Aimed,
     photon: Photon,
+    shares: Shares,
     /// Its way through the body.
     chord_m: Option<(f64, f64)>,
 }
@@ -87,6 +88,84 @@ struct Second {
     given: f64,
 }
 
+/// What a marker's photons may meet, seen from where it is in the middle of a window.
+struct Sight<'a> {
+    physics: &'a Physics,
+    from_m: Vector3<f64>,
+    /// No photon of the window starts further away, m.
+    within_m: f64,
+    /// Diagonal of a tile, m.
+    tile_m: f64,
+}
+
+/// A way to the corner of a tile.
+struct Way {
+    block: usize,
+    direction: Vector3<f64>,
+    length_m: f64,
+}
+
+impl<'a> Sight<'a> {
+    /// Acollinearity is within so many standard deviations: all but one pair in a million.
+    const DEVIATIONS: f64 = 5.0;
+    /// Rectangles reach so far beyond their blocks, as a share: shadows of the back edges.
+    const SHADOW: f64 = 1.5;
+    /// A tile is seen from its corners alone, so a block that is met at more than so many times its distance may be overlooked between.
+    const FURTHEST: f64 = 3.0;
+
+    fn new(source: Source<'a>) -> Self {
+        let Source { physics, paths, marker, window, .. } = source;
+        let from_m = paths.at(marker, 0.5 * window.duration_s);
+        let moved_m = paths.knots(marker).map(|knot| (knot - from_m).norm()).fold(0.0, f64::max);
+        let g = &physics.detectors.scanner().grid;
+        Self {
+            physics,
+            from_m,
+            within_m: moved_m + physics.markers[marker].reach_m(),
+            tile_m: Self::SHADOW * 2.0 * g.half_width_m().hypot(g.half_length_m()) / TILES as f64,
+        }
+    }
+
+    fn to(&self, block: usize, corner_m: &Vector3<f64>) -> Way {
+        let way = corner_m - self.from_m;
+        let length_m = way.norm();
+        Way { block, direction: way / length_m, length_m }
+    }
+
+    /// The largest acceptance of photons to about this corner.
+    fn first(&self, response: &Response, way: &Way) -> f64 {
+        let outward = &self.physics.detectors.scanner().blocks[way.block].outward;
+        response.most_at_511_within(wider(way.direction.dot(outward), self.within_m / way.length_m))
+    }
+
+    /// The largest acceptance of their other photons.
+    fn second(&self, response: &Response, way: &Way) -> f64 {
+        let detectors = &self.physics.detectors;
+        let scanner = detectors.scanner();
+        let back = Photon::emitted(self.from_m, -way.direction, ANNIHILATION_EV);
+        let turned_rad = Self::DEVIATIONS * self.physics.acollinearity_sigma_rad;
+        let within_rad = turned_rad + self.within_m / way.length_m;
+        let mut most = 0.0_f64;
+        for other in (0..scanner.blocks.len()).filter(|other| scanner.can_coincide(way.block, *other)) {
+            let seen = detectors.to_block(other, &back);
+            let is_far = seen.place_m.z.abs() > Self::FURTHEST * way.length_m;
+            let near = (self.within_m, within_rad);
+            if !is_far && detectors.physics().is_missed_from_about(&seen.place_m, &seen.direction, near) {
+                continue;
+            }
+            // Of a tile that lies in this block's sight in part, the rest of this corner's neighbourhood.
+            let wider_rad = within_rad + self.tile_m / way.length_m;
+            most = most.max(response.most_at_511_within(wider(seen.direction.z, wider_rad)));
+        }
+        most
+    }
+}
+
+/// Cosine of an angle that is so much larger, at most a right one.
+fn wider(cosine: f64, by_rad: f64) -> f64 {
+    (cosine.clamp(-1.0, 1.0).acos() + by_rad).min(std::f64::consts::FRAC_PI_2).cos()
+}
+
 impl Tabulated {
     /// Looks up these tables.
     pub fn new(tables: Arc<Tables>) -> Self {
@@ -103,7 +182,7 @@ impl Tabulated {
         out: &mut Vec<LabelledLine>,
     ) -> bool {
         for marker in 0..physics.markers.len() {
-            if !self.aim.set(physics, paths, marker, 1, |_| 1.0) {
+            if !self.aim.set(physics, paths, marker, 1, |_, _| Shares::ALL) {
                 return false;
             }
         }
@@ -157,24 +236,31 @@ impl Tabulated {
     /// Lines of two direct photons. Either can be the aimed one, so half of them are drawn.
     fn true_lines(&mut self, source: Source, random: &mut RandomStream, out: &mut Vec<LabelledLine>) {
         let body = &source.physics.body;
-        self.aim_through(source, |from_m, direction| {
-            TILE_MARGIN
-                * body.transmission_511(from_m, direction)
-                * body.transmission_511(from_m, &-direction)
+        let response = &self.tables.response;
+        let sight = Sight::new(source);
+        self.aim.set(source.physics, source.paths, source.marker, TILES, |block, corner| {
+            let way = sight.to(block, corner);
+            let (there, back) = (way.direction, -way.direction);
+            let through =
+                body.transmission_511(&sight.from_m, &there) * body.transmission_511(&sight.from_m, &back);
+            Shares {
+                through: TILE_MARGIN * TILE_MARGIN * through,
+                first: sight.first(response, &way),
+                second: sight.second(response, &way),
+            }
         });
-        let most = self.tables.response.most_at_511();
-        let draws = 0.5 * source.photons * self.aim.draws_per_photon() * most * most;
+        let draws = 0.5 * source.photons * self.aim.draws_per_photon();
         for number in 0..super::poisson(draws, random) {
             let Some(first) = self.aimed(source, random) else { continue };
             // Straight through the body: half a degree more or less is neglected, as in the way of the other.
             let Photon { place_m, direction, .. } = first.photon;
             let both = body.transmission_511_along(&place_m, &direction, first.chord_m)
                 * body.transmission_511_along(&place_m, &-direction, first.chord_of_other_m());
-            if random.random::<f64>() * self.aim.drawn(&first.aimed) >= both {
+            if random.random::<f64>() * first.shares.through >= both {
                 continue;
             }
             let second = source.other(&first.photon, random);
-            let second = Second { photon: second, scatterings: 0, given: most };
+            let second = Second { photon: second, scatterings: 0, given: first.shares.second };
             out.extend(self.line(source, &first, &second, number, random));
         }
     }
@@ -182,18 +268,20 @@ impl Tabulated {
     /// Lines of a direct photon and one that scattered.
     fn scattered_lines(&mut self, source: Source, random: &mut RandomStream, out: &mut Vec<LabelledLine>) {
         let body = &source.physics.body;
-        self.aim_through(source, |from_m, direction| body.transmission_511(from_m, direction));
         let (response, scatterings) = (&self.tables.response, &self.tables.scatterings);
-        let draws = source.photons
-            * self.aim.draws_per_photon()
-            * response.most_at_511()
-            * scatterings.per_scattering();
+        let sight = Sight::new(source);
+        self.aim.set(source.physics, source.paths, source.marker, TILES, |block, corner| {
+            let way = sight.to(block, corner);
+            let through = TILE_MARGIN * body.transmission_511(&sight.from_m, &way.direction);
+            Shares { through, first: sight.first(response, &way), second: 1.0 }
+        });
+        let draws = source.photons * self.aim.draws_per_photon() * scatterings.per_scattering();
         for number in 0..super::poisson(draws, random) {
             let Some(scattering) = scatterings.draw(response, random) else { continue };
             let Some(first) = self.aimed(source, random) else { continue };
             let photon = &first.photon;
             let through = body.transmission_511_along(&photon.place_m, &photon.direction, first.chord_m);
-            if random.random::<f64>() * self.aim.drawn(&first.aimed) >= through {
+            if random.random::<f64>() * first.shares.through >= through {
                 continue;
             }
             let mut second = source.other(photon, random);
@@ -212,15 +300,6 @@ impl Tabulated {
         }
     }
 
-    /// Aims at the blocks; `through` tells from a place and a direction the share that gets out of the body.
-    fn aim_through(&mut self, source: Source, through: impl Fn(&Vector3<f64>, &Vector3<f64>) -> f64) {
-        let Source { physics, paths, marker, window, .. } = source;
-        let from_m = paths.at(marker, 0.5 * window.duration_s);
-        self.aim.set(physics, paths, marker, TILES, |corner| {
-            TILE_MARGIN * through(&from_m, &(corner - from_m).normalize())
-        });
-    }
-
     /// An aimed photon.
     fn aimed(&self, source: Source, random: &mut RandomStream) -> Option<First> {
         let Source { physics, paths, marker, window, .. } = source;
@@ -229,7 +308,8 @@ impl Tabulated {
         let aimed = self.aim.draw(physics, random);
         let direction = Aim::keep(&aimed, physics, &place_m)?;
         let photon = Photon::emitted(place_m, direction, ANNIHILATION_EV);
-        Some(First { after_s, aimed, photon, chord_m: physics.body.chord_m(&place_m, &direction) })
+        let chord_m = physics.body.chord_m(&place_m, &direction);
+        Some(First { after_s, aimed, photon, shares: self.aim.shares(&aimed), chord_m })
     }
 
     /// The line of two photons outside the body, where both are detected and the first enters the block that it was aimed at.
@@ -258,7 +338,7 @@ impl Tabulated {
             response.draw(&detectors.to_block(block, &photon).on_face(), given, random)
         };
         let at_b = placed(other_block, second.photon, second.given)?;
-        let at_a = placed(block, first.photon, response.most_at_511())?;
+        let at_a = placed(block, first.photon, first.shares.first)?;
         let name = (first.after_s, number as u32, marker);
         let a = single(physics, (block, &at_a, 0), name, random)?;
         let b = single(physics, (other_block, &at_b, second.scatterings), name, random)?;

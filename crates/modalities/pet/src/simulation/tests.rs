@@ -164,7 +164,7 @@ fn closed_form_solid_angle_of_a_block_seen_from_the_middle() {
     let mut paths = MarkerPaths::default();
     paths.rest(&Vector3::zeros());
     let mut aim = aim::Aim::default();
-    assert!(aim.set(&physics, &paths, 0, 1, |_| 1.0));
+    assert!(aim.set(&physics, &paths, 0, 1, |_, _| aim::Shares::ALL));
     let kept = (0..n)
         .filter(|_| {
             let aimed = aim.draw(&physics, &mut random);
