@@ -186,7 +186,7 @@ mod tests {
     /// Against the planning's quadrature over the faces, with a scintillator that stops everything.
     #[test]
     fn cross_solid_angles_are_those_of_the_faces() {
-        let black = PhotonDetection { attenuation_per_m: 1e9, accepted: 1.0 };
+        let black = PhotonDetection { attenuation_per_m: 1e9, accepted: [1.0; 3] };
         // Faces cut finely enough for a point off the middle of two plates; on a ring the cuts average out.
         for (name, per_side) in [("reduced", 600), ("allegro", 64)] {
             let scanner = scanner(name);
