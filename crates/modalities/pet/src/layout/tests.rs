@@ -323,6 +323,7 @@ fn regress_bound_of_the_reduced_scanner() {
     let bound = information(&layout, layout.elements(), &pose()).try_inverse().unwrap();
     let rms_mm = 1e3 * bound.fixed_view::<3, 3>(0, 0).trace().sqrt();
     println!("{rms_mm:.4} mm");
-    // Our own number of 27 November 2026, with both sums fine (48 parts, half a step) 0.3446.
-    assert!((rms_mm / 0.3442 - 1.0).abs() < 0.003, "{rms_mm}");
+    // Our own number of 28 November 2026. (0.3442 while a face accepted alike everywhere, with which rates were 6 to 10 % below the
+    // simulator's; both sums fine, 48 parts and half a step, changed it by 0.1 %.)
+    assert!((rms_mm / 0.3296 - 1.0).abs() < 0.003, "{rms_mm}");
 }

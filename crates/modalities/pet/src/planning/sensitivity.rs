@@ -59,7 +59,8 @@ impl PhotonDetection {
                 deposit.is_some_and(|d| passes_window(&scanner.detection, d.energy_ev, &mut random));
             passed[step] += f64::from(u8::from(is_accepted));
         }
-        let share = |step: usize| if interacting[step] > 0.0 { passed[step] / interacting[step] } else { 0.0 };
+        let share =
+            |step: usize| if interacting[step] > 0.0 { passed[step] / interacting[step] } else { 0.0 };
         Self { attenuation_per_m, accepted: std::array::from_fn(share) }
     }
 
