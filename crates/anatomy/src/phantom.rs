@@ -104,8 +104,9 @@ impl EllipticCylinder {
         let c = y * p.x * p.x + x * p.y * p.y - x * y;
         let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
         if a > 0.0 {
-            let square = b * b - a * c;
-            if !(square >= 0.0) {
+            // What is not a number misses.
+            let square = (b * b - a * c).max(-1.0);
+            if square < 0.0 {
                 return None;
             }
             let (root, inverse) = (square.sqrt(), 1.0 / a);
