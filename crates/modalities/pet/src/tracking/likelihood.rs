@@ -232,14 +232,22 @@ impl<R: Register> Spread<R> {
     }
 }
 
-/// Offsets of a pack's lines from a marker, and `c_k exp(-½ uᵀ P_k u)` times its weight.
+/// A pack's lines, seen from a marker.
+struct Densities<R> {
+    /// Offsets u, m.
+    offset_m: [R; 2],
+    /// `c_k exp(-½ uᵀ P_k u)` times the marker's weight, 1/m².
+    of_component: [R; COMPONENTS],
+}
+
+/// Offsets and densities of a pack's lines about a marker.
 #[inline(always)]
 fn densities<T: Numbers, S: Unit>(
     unit: S,
     s: &Shapes<T>,
     at: &[T::In<S>; 3],
     weight: T::In<S>,
-) -> ([T::In<S>; 2], [T::In<S>; COMPONENTS]) {
+) -> Densities<T::In<S>> {
     let (e1, e2, foot) = (load(unit, &s.e1), load(unit, &s.e2), load(unit, &s.at));
     let (x, y) = (foot[0] - dot(&e1, at), foot[1] - dot(&e2, at));
     let half = x.all(-0.5);
@@ -248,7 +256,7 @@ fn densities<T: Numbers, S: Unit>(
         let q = dot(&load(unit, &s.precision[k]), &squares);
         weight * T::In::of(unit, s.peak[k]) * q.exp()
     });
-    ([x, y], of_component)
+    Densities { offset_m: [x, y], of_component }
 }
 
 #[inline(always)]
@@ -265,7 +273,8 @@ fn one_pack<P: Purpose, T: Numbers, S: Unit, const J: usize>(
     let from_background = share * T::In::of(unit, s.background);
     let mut total = from_background;
     for (j, marker) in markers.iter().enumerate() {
-        (u[j], e[j]) = densities::<T, S>(unit, s, &marker.at, marker.weight);
+        let seen = densities::<T, S>(unit, s, &marker.at, marker.weight);
+        (u[j], e[j]) = (seen.offset_m, seen.of_component);
         total = total + e[j][0] + e[j][1] + e[j][2];
     }
     let filled = T::In::of(unit, s.filled);
@@ -546,6 +555,6 @@ impl Kernel for Origins<'_> {
 #[inline(always)]
 fn density<T: Numbers, S: Unit>(unit: S, s: &Shapes<T>, p: &Placed) -> T::In<S> {
     let weight = T::In::splat(unit, p.weight);
-    let (_, of_component) = densities::<T, S>(unit, s, &splat3(unit, &p.at_m), weight);
+    let Densities { of_component, .. } = densities::<T, S>(unit, s, &splat3(unit, &p.at_m), weight);
     of_component[0] + of_component[1] + of_component[2]
 }
