@@ -152,6 +152,19 @@ struct Joined {
 }
 
 impl TractDraft {
+    /// One straight segment of an even radius along z from the origin, points 20 mm apart: an organ by itself.
+    pub fn straight(key: SegmentKey, radius_m: f64, length_m: f64, ends: (End, End)) -> Self {
+        const SPACING_M: f64 = 0.02;
+        let count = (length_m / SPACING_M).round().max(2.0) as u32;
+        let spacing_m = length_m / f64::from(count);
+        let points_m: Vec<_> = (0..=count).map(|i| Point3::new(0.0, 0.0, spacing_m * f64::from(i))).collect();
+        let radii_m = vec![radius_m; points_m.len()];
+        let segment =
+            SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() };
+        let name = format!("straight {}", key.as_str());
+        Self { name, segments: vec![segment], ends, torso_half_extents_m: None, source: String::new() }
+    }
+
     /// Segments there are, in order.
     pub fn keys(&self) -> Vec<SegmentKey> {
         self.segments.iter().map(|segment| segment.key).collect()

@@ -4,12 +4,12 @@ use lumenav_anatomy::diverticulum::Diverticulum;
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::{MotilityConfig, WaveConfig};
 use lumenav_anatomy::segment::SegmentKey;
-use lumenav_anatomy::tract::{End, SegmentPoints, Tract, TractDraft};
+use lumenav_anatomy::tract::{End, Tract, TractDraft};
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{CapsuleBody, ConfigError, Node, RandomStreams, SimTime};
 use lumenav_scenario::diverticula::DiverticulumTable;
 use lumenav_scenario::engine::{Engine, EngineConfig, TOLERANCE_M};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -18,14 +18,8 @@ const RADIUS_M: f64 = 0.02;
 
 /// A straight, wide duodenum along z, of a patient on the back.
 fn duodenum() -> Arc<Tract> {
-    let key = SegmentKey::Duodenum;
-    let points_m: Vec<_> = (0..=20).map(|i| Point3::new(0.0, 0.0, 0.02 * f64::from(i))).collect();
-    let radii_m = vec![RADIUS_M; points_m.len()];
-    let segment = SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() };
-    let (segments, ends) = (vec![segment], (End::Closed, End::Closed));
-    let draft =
-        TractDraft { name: "t".into(), segments, ends, torso_half_extents_m: None, source: String::new() };
-    Arc::new(draft.build().unwrap().0)
+    let ends = (End::Closed, End::Closed);
+    Arc::new(TractDraft::straight(SegmentKey::Duodenum, RADIUS_M, 0.4, ends).build().unwrap().0)
 }
 
 fn place(text: &str) -> Result<Diverticulum, ConfigError> {

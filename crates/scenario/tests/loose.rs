@@ -3,12 +3,12 @@
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::{MotilityConfig, WaveConfig};
 use lumenav_anatomy::segment::SegmentKey;
-use lumenav_anatomy::tract::{End, SegmentPoints, Tract, TractDraft};
+use lumenav_anatomy::tract::{End, Tract, TractDraft};
 use lumenav_anatomy::tract_file::{self, TractOptions};
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{CapsuleBody, ConfigError, Node, RandomStreams, SimTime};
 use lumenav_scenario::engine::{
-    Engine, EngineConfig, EngineError, EventKind, Loose, Tether, ends_of, fuzz_inside_lumen,
+    Engine, EngineConfig, EngineError, EventKind, Loose, Tether, beyond_m, ends_of, fuzz_inside_lumen,
 };
 use lumenav_scenario::loose::LooseTable;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -22,14 +22,9 @@ const TETHER: Tether =
 
 /// A straight ileum along z, open at its anal end.
 fn ileum(radius_m: f64) -> Arc<Tract> {
-    let key = SegmentKey::Ileum;
-    let points_m: Vec<_> = (0..=20).map(|i| Point3::new(0.0, 0.0, 0.02 * f64::from(i))).collect();
-    let radii_m = vec![radius_m; points_m.len()];
-    let segment = SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() };
-    let (segments, ends) = (vec![segment], (End::Closed, End::Exit));
-    let draft =
-        TractDraft { name: "t".into(), segments, ends, torso_half_extents_m: None, source: String::new() };
-    Arc::new(draft.build().unwrap().0)
+    Arc::new(
+        TractDraft::straight(SegmentKey::Ileum, radius_m, 0.4, (End::Closed, End::Exit)).build().unwrap().0,
+    )
 }
 
 /// A capsule at 100 mm and, unless it is still, a strong wave from 60 mm on that takes it along at 10 mm/s.
@@ -275,16 +270,6 @@ fn folded() -> Engine {
 /// How far the centres come beyond where they lie against the resting wall, m, within so many seconds: of the capsule, of all others; and when the tether was
 /// told to take a short cut, s, at which it ends.
 fn excess_m(engine: &mut Engine, seconds: u32) -> ([f64; 2], Option<f64>) {
-    let tract = engine.tract().clone();
-    // On the inner side of a bend that is tighter than the lumen is wide the nearest place of the lumen is not the nearest foot.
-    let beyond_m = |centre: &Point3<f64>, s_m: f64, radius_m: f64| {
-        let beyond = |k: i32| {
-            let s_m = (s_m + 5e-4 * f64::from(k)).clamp(0.0, tract.length_m());
-            let distance_m = (centre - tract.centre_line.station(s_m).position_m).norm();
-            distance_m - (tract.radius.radius_m(s_m) - radius_m).max(0.0)
-        };
-        (-40..=40).map(beyond).fold(f64::INFINITY, f64::min)
-    };
     let mut worst_m = [0.0_f64; 2];
     for k in 1..=10 * seconds {
         let time_s = 0.1 * f64::from(k);
@@ -294,10 +279,10 @@ fn excess_m(engine: &mut Engine, seconds: u32) -> ([f64; 2], Option<f64>) {
         }
         let state = engine.state();
         let centre = Point3::from(state.world_from_capsule.translation.vector);
-        worst_m[0] = worst_m[0].max(beyond_m(&centre, state.arc_length_m, CAPSULE.radius_m));
+        worst_m[0] = worst_m[0].max(beyond_m(engine.lumen(), &centre, state.arc_length_m, CAPSULE.radius_m));
         for (shape, pose, s_m) in engine.loose() {
             let centre = Point3::from(pose.translation.vector);
-            worst_m[1] = worst_m[1].max(beyond_m(&centre, s_m, shape.radius_m));
+            worst_m[1] = worst_m[1].max(beyond_m(engine.lumen(), &centre, s_m, shape.radius_m));
         }
     }
     (worst_m, None)

@@ -31,6 +31,8 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
             "s.toml:9:16: `engine.step_rate_hz`: step_rate_hz has to be from 60 to 10000",
         ),
         ("[engine]\nstep_rate_hz = 59", "s.toml:9:16: `engine.step_rate_hz`"),
+        // It was accepted and forgotten: where a capsule starts is said with the capsule.
+        ("[engine]\nstart_arc_length_m = 0.1", "s.toml:9:1: `engine.start_arc_length_m`"),
         ("[engine]\nstep_rate_hz = 99999999999", "s.toml:9:16: `engine.step_rate_hz`"),
         ("[engine]\ncoulomb_newton = 1e300", "s.toml:9:18: `engine.coulomb_newton`"),
         ("[engine]\nfluid_density_kg_m3 = 1e300", "s.toml:9:23: `engine.fluid_density_kg_m3`"),
@@ -72,6 +74,28 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
     }
     let error = build(&in_a_tube("pillcam-magnet", "1e15", "")).unwrap_err();
     assert!(error.starts_with("s.toml:3:14: `scenario.duration_s`"), "{error}");
+}
+
+#[test]
+fn law_a_tether_that_cannot_be_is_refused_at_its_key() {
+    let tether = |more: &str| {
+        let text = in_a_tube("pillcam-magnet", "5.0", &format!("[tract.tether]\n{more}"));
+        build(&text.replace("[tract]\n", "start_arc_length_mm = 100\n[tract]\n"))
+    };
+    assert_eq!(tether("length_mm = 40"), Ok(()));
+    for (more, said) in [
+        ("length_mm = 4e3", "s.toml:10:13: `tract.tether.length_mm`"),
+        ("length_mm = 0", "s.toml:10:13: `tract.tether.length_mm`"),
+        ("length_mm = 40\nradius_mm = 1e3", "s.toml:11:13: `tract.tether.radius_mm`"),
+        ("length_mm = 40\nlink_mm = 1e-3", "s.toml:11:11: `tract.tether.link_mm`"),
+        ("length_mm = 40\ndensity_kg_m3 = 1e9", "s.toml:11:17: `tract.tether.density_kg_m3`"),
+        ("length_mm = 40\nheld = 1", "s.toml:11:8: `tract.tether.held`"),
+        ("length_mm = 40\nknots = 3", "s.toml:11:1: `tract.tether.knots`"),
+        ("held = false", "s.toml:9:1: `tract.tether`"),
+    ] {
+        let error = tether(more).unwrap_err();
+        assert!(error.starts_with(said), "{error}, wanted {said}");
+    }
 }
 
 #[test]

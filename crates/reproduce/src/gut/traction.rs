@@ -14,12 +14,12 @@ use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility::meal::MealConfig;
 use lumenav_anatomy::motility_config::MotilityConfig;
 use lumenav_anatomy::segment::SegmentKey;
-use lumenav_anatomy::tract::{End, SegmentPoints, Tract, TractDraft};
+use lumenav_anatomy::tract::{End, Tract, TractDraft};
 use lumenav_core::RandomStreams;
 use lumenav_core::config::quantity::{Fraction, NonNegative};
 use lumenav_figures::{Axis, Figure, Panel, Series};
 use lumenav_scenario::engine::{Engine, EngineConfig};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use std::sync::Arc;
 
 /// Runs of ten minutes per phase: full and quick.
@@ -83,17 +83,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
 }
 
 fn jejunum() -> Result<Arc<Tract>, ReproduceError> {
-    let key = SegmentKey::Jejunum;
-    let points_m: Vec<_> = (0..=40).map(|i| Point3::new(0.0, 0.0, 0.02 * f64::from(i))).collect();
-    let radii_m = vec![RADIUS_M; points_m.len()];
-    let segment = SegmentPoints { key, points_m, radii_m, wall: key.default_wall(), source: String::new() };
-    let draft = TractDraft {
-        name: "jejunum".into(),
-        segments: vec![segment],
-        ends: (End::Closed, End::Exit),
-        torso_half_extents_m: None,
-        source: String::new(),
-    };
+    let draft = TractDraft::straight(SegmentKey::Jejunum, RADIUS_M, 0.8, (End::Closed, End::Exit));
     Ok(Arc::new(draft.build().map_err(ReproduceError::of_part("jejunum"))?.0))
 }
 

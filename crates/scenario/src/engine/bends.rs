@@ -38,7 +38,7 @@ const SHORTEST_CHORD_M: f64 = 1e-3;
 const STRAIGHT_M: f64 = 1e-9;
 
 /// How far the tissue gives way along a tract for one capsule.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) struct Bends {
     entries: Vec<Chord>,
 }

@@ -16,7 +16,9 @@ const STEP_RATES_HZ: std::ops::RangeInclusive<u32> = 60..=10_000;
 pub struct EngineConfig {
     /// Steps per second, 60 to 10,000. Default 240: end points agree with those at 1,000 Hz within 1 %.
     pub step_rate_hz: u32,
-    /// Where the capsule's centre starts, arc length, m. Default: 20 mm behind the tract's oral end.
+    /// Where the capsule's centre starts, arc length, m. Default: 20 mm behind the tract's oral end. A scenario says it as
+    /// `capsule.start_arc_length_mm`.
+    #[serde(skip)]
     pub start_arc_length_m: NonNegative,
     /// Turn of the capsule about its axis at the start, rad. Default 0.
     pub start_roll_rad: Finite,

@@ -177,7 +177,7 @@ impl FuzzReport {
 
 /// How far a centre near an arc length is from where a body of this radius can rest, m. On the inner side of a bend that is tighter than the lumen
 /// is wide the nearest such place is not at the nearest foot.
-fn beyond_m(lumen: &Lumen, centre: &Point3<f64>, near_m: f64, radius_m: f64) -> f64 {
+pub fn beyond_m(lumen: &Lumen, centre: &Point3<f64>, near_m: f64, radius_m: f64) -> f64 {
     let [reach_m, spacing_m] = NEARBY_M;
     let count = (reach_m / spacing_m) as i32;
     let length_m = lumen.tract().length_m();

@@ -57,7 +57,7 @@ mod wall;
 pub use body::Obstacle;
 pub use config::EngineConfig;
 pub use events::{EngineEvent, EventKind};
-pub use fuzz::{FuzzReport, TOLERANCE_M, fuzz_inside_lumen};
+pub use fuzz::{FuzzReport, TOLERANCE_M, beyond_m, fuzz_inside_lumen};
 pub(crate) use loose::DENSITIES_KG_M3;
 pub use loose::{Loose, Tether, ends_of};
 pub use settle::Settled;

@@ -34,17 +34,17 @@ use std::f64::consts::PI;
 
 /// Stiffness of a contact between bodies, N/m: at the force of a strong wave, 0.3 N, they enter each other by 3 um (B).
 const CONTACT_NEWTON_PER_M: f64 = 1e5;
-/// Of a joint, N/m.
+/// Of a joint, N/m: as a contact's (B).
 const JOINT_NEWTON_PER_M: f64 = 1e5;
 /// Of the tissue between the limbs of a fold, along the tract, N/m: 0.3 N, the force of a strong wave, moves a string by 1 mm (B).
 const FOLD_NEWTON_PER_M: f64 = 300.0;
 /// How far a chain has to come through it until that is told, m: at 3 N.
 const SHORT_CUT_M: f64 = 0.01;
-/// More overlap than this (of what was put in where another lies) does not push harder, m: they part within a moment instead of flying apart.
+/// More overlap than this (of what was put in where another lies) does not push harder, m (B): they part within a moment instead of flying apart.
 const DEEPEST_M: f64 = 2e-4;
-/// Bodies nearer than this may touch within the step, m; and those that approach each other, by what they come nearer.
+/// Bodies nearer than this may touch within the step, m (B); and those that approach each other, by what they come nearer.
 const NEAR_M: f64 = 5e-4;
-/// Pairs of nearest points closer together than this are one, m.
+/// Pairs of nearest points closer together than this are one, m (B).
 const SAME_M: f64 = 5e-4;
 /// Iterations of friction and of which contacts push; and of those after which no contact begins to push any more. In a heap of bodies contacts may take turns for
 /// ever; what matters is that none is left which pulls.
@@ -422,31 +422,14 @@ mod tests {
     use super::*;
     use crate::engine::system::System;
     use lumenav_anatomy::segment::SegmentKey;
-    use lumenav_anatomy::tract::{End, SegmentPoints, TractDraft};
+    use lumenav_anatomy::tract::{End, TractDraft};
     use lumenav_core::CapsuleBody;
     use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
     const STEP_S: f64 = 1.0 / 240.0;
 
-    /// A straight ileum along z.
     fn tract() -> Tract {
-        let key = SegmentKey::Ileum;
-        let points_m = (0..=10).map(|i| Point3::new(0.0, 0.0, 0.02 * f64::from(i))).collect();
-        let segment = SegmentPoints {
-            key,
-            points_m,
-            radii_m: vec![0.02; 11],
-            wall: key.default_wall(),
-            source: String::new(),
-        };
-        let draft = TractDraft {
-            name: "t".into(),
-            segments: vec![segment],
-            ends: (End::Closed, End::Exit),
-            torso_half_extents_m: None,
-            source: String::new(),
-        };
-        draft.build().unwrap().0
+        TractDraft::straight(SegmentKey::Ileum, 0.02, 0.2, (End::Closed, End::Exit)).build().unwrap().0
     }
 
     /// Two capsules far from any wall, which no force acts upon.
