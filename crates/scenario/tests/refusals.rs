@@ -31,8 +31,9 @@ fn law_numbers_outside_their_range_are_refused_at_their_line() {
             "s.toml:9:16: `engine.step_rate_hz`: step_rate_hz has to be from 60 to 10000",
         ),
         ("[engine]\nstep_rate_hz = 59", "s.toml:9:16: `engine.step_rate_hz`"),
-        // It was accepted and forgotten: where a capsule starts is said with the capsule.
+        // Both were accepted and forgotten: how a capsule starts is said with the capsule.
         ("[engine]\nstart_arc_length_m = 0.1", "s.toml:9:1: `engine.start_arc_length_m`"),
+        ("[engine]\nstart_roll_rad = 0.1", "s.toml:9:1: `engine.start_roll_rad`"),
         ("[engine]\nstep_rate_hz = 99999999999", "s.toml:9:16: `engine.step_rate_hz`"),
         ("[engine]\ncoulomb_newton = 1e300", "s.toml:9:18: `engine.coulomb_newton`"),
         ("[engine]\nfluid_density_kg_m3 = 1e300", "s.toml:9:23: `engine.fluid_density_kg_m3`"),

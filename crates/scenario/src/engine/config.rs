@@ -20,7 +20,8 @@ pub struct EngineConfig {
     /// `capsule.start_arc_length_mm`.
     #[serde(skip)]
     pub start_arc_length_m: NonNegative,
-    /// Turn of the capsule about its axis at the start, rad. Default 0.
+    /// Turn of the capsule about its axis at the start, rad. Default 0. A scenario says it as `capsule.start_roll_deg`.
+    #[serde(skip)]
     pub start_roll_rad: Finite,
     /// Longest time that the capsule is given before t = 0 to come to rest on the wall, s; the wall stands still meanwhile. 0: it starts
     /// on the centre line and falls. Default 10 (B): most starts in a colon take 1 to 3 s.

@@ -1,9 +1,8 @@
 //! Where the defaults of `[engine]` come from.
 
 /// Key of [`super::EngineConfig`] and source of its default.
-pub const ENGINE_SOURCES: [(&str, &str); 18] = [
+pub const ENGINE_SOURCES: [(&str, &str); 17] = [
     ("step_rate_hz", "tuned: end points of a wave agree with those at 1,000 Hz within 1 %"),
-    ("start_roll_rad", "chosen: replaced by `start_roll_deg` of [capsule]"),
     ("settle_s", "chosen: several times what most starts take (1 to 3 s)"),
     ("sleep", "chosen: what it leaves out is the creep of the regularised friction"),
     ("gravity_torso_m_s2", "standard gravity, rounded; a patient lying on the back"),
