@@ -298,6 +298,71 @@ mod tests {
         Phantom::cylinder("water", cylinder, Material { name: "water".into(), attenuation_511_per_m: 9.6 })
     }
 
+    /// An elliptic one beside the origin: both ends of every chord lie on its surface, the middle inside.
+    #[test]
+    fn law_chords_of_an_elliptic_cylinder_end_on_its_surface() {
+        let body = elliptic();
+        let on_surface = |place: Vector3<f64>| {
+            let p = place - body.centre_m;
+            let side = (p.x / body.semi_axis_x_m).powi(2) + (p.y / body.semi_axis_y_m).powi(2);
+            let end = p.z.abs() / body.half_length_m;
+            (side.max(end) - 1.0).abs() < 1e-9
+        };
+        let (mut hits, mut misses) = (0, 0);
+        for k in 0..20_000 {
+            let [a, b] = [somewhere(2 * k, 0.3), somewhere(2 * k + 1, 1.0)];
+            let (from, direction) = (a + body.centre_m, b.normalize());
+            let Some((near, far)) = body.chord_m(&from, &direction) else {
+                misses += 1;
+                assert!(!body.contains(&from));
+                continue;
+            };
+            hits += 1;
+            assert!(on_surface(from + direction * near) && on_surface(from + direction * far));
+            assert!(body.contains(&(from + direction * (0.5 * (near + far)))));
+        }
+        assert!(hits > 3_000 && misses > 3_000, "{hits} {misses}");
+    }
+
+    /// No way from near a place has less of the body before it than is said, and little more is said than there is.
+    #[test]
+    fn law_the_least_optical_depth_is_least() {
+        let body = elliptic();
+        let phantom =
+            Phantom::cylinder("torso", body, Material { name: "water".into(), attenuation_511_per_m: 9.6 });
+        let (mut inside, mut tightest) = (0, f64::INFINITY);
+        for k in 0..20_000 {
+            let from = body.centre_m + somewhere(5 * k, 0.2);
+            let to = body.centre_m + somewhere(5 * k + 1, 1.0).normalize() * 0.45;
+            let within_m = 0.02 * somewhere(5 * k + 2, 1.0).x.abs();
+            let least = phantom.least_optical_depth_511(&from, &to, within_m);
+            for i in 0..10 {
+                let start = from + somewhere(1_000_000 + 10 * k + i, 1.0).normalize() * within_m;
+                let depth = phantom.optical_depth_511(&start, &(to - start).normalize());
+                assert!(depth >= least - 1e-12, "{depth} {least} from {from} to {to} within {within_m}");
+                tightest = tightest.min(depth - least);
+            }
+            inside += u32::from(body.contains(&from) && least > 0.0);
+        }
+        assert!(inside > 5_000 && tightest < 0.02, "{inside} {tightest}");
+    }
+
+    fn elliptic() -> EllipticCylinder {
+        EllipticCylinder {
+            centre_m: Vector3::new(0.03, -0.02, 0.05),
+            semi_axis_x_m: 0.17,
+            semi_axis_y_m: 0.14,
+            half_length_m: 0.2,
+        }
+    }
+
+    /// Places of a cube, spread evenly (Roberts' sequence of three dimensions).
+    fn somewhere(k: u32, half: f64) -> Vector3<f64> {
+        let k = f64::from(k);
+        Vector3::new(0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3)
+            .map(|step| half * (2.0 * (0.5 + step * k).fract() - 1.0))
+    }
+
     #[test]
     fn closed_form_chords_of_a_cylinder() {
         let phantom = water(0.2);

@@ -6,7 +6,7 @@
 
 use crate::markers::{Marker, MarkerSet};
 use crate::scanner::{ChangesTable, Scanner};
-use crate::simulation::{EndPoints, Isotope, Mode, Scintillator};
+use crate::simulation::{EndPoints, Isotope, Mode, Scintillator, SourceMarker};
 use crate::tracking::mixture::MOST_START_WINDOWS;
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
@@ -231,12 +231,27 @@ impl Installed {
 ///
 /// # Errors
 /// [`ModalityError::Config`] with file, line and key.
-pub fn isotopes(markers: &MarkerSet, setup: &Setup) -> Result<Vec<Isotope>, ModalityError> {
+fn isotopes(markers: &MarkerSet, setup: &Setup) -> Result<Vec<Isotope>, ModalityError> {
     let nodes = setup.capsule_model.children("marker")?;
     let open = |(marker, node): (&Marker, &Node)| -> Result<Isotope, ModalityError> {
         Ok(Isotope::from_node(&setup.models.open("isotopes", &marker.isotope, node, "isotope")?)?)
     };
     markers.markers.iter().zip(&nodes).map(open).collect()
+}
+
+/// The markers as installed, as sources.
+///
+/// # Errors
+/// [`ModalityError::Config`] with file, line and key.
+pub fn sources(markers: &MarkerSet, setup: &Setup) -> Result<Vec<SourceMarker>, ModalityError> {
+    let source = |(marker, isotope): (&Marker, Isotope)| SourceMarker {
+        position_capsule_m: marker.position_capsule_m,
+        activity_bq: marker.activity_bq,
+        isotope,
+        core_diameter_m: marker.core_diameter_m,
+        shell: marker.shell,
+    };
+    Ok(markers.markers.iter().zip(isotopes(markers, setup)?).map(source).collect())
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ mod scene;
 
 pub use points::PointFrontEnd;
 
-use crate::config::{Installed, OptionsTable, Output};
+use crate::config::{Installed, OptionsTable, Output, sources};
 use crate::line::Line;
 use crate::markers::MarkerSet;
 use crate::model::{FixOfLines, LinesModel};
@@ -316,15 +316,17 @@ pub(crate) fn build(
     setup: &Setup,
 ) -> Result<Estimator, ModalityError> {
     let block = BlockNoise::of_block(&installed.scanner, &installed.scintillator, installed.table.end_points);
-    let noise = Arc::new(LineNoise::new(&installed.scanner, &block, &SourceNoise::default()));
+    let noise_of = |source: &SourceNoise| LineNoise::new(&installed.scanner, &block, source);
     if options.front_end == Output::Points {
-        let points = Points::new(options.points as usize, (*noise).clone());
+        // Tracers and calibration sources are not the capsule's markers.
+        let points = Points::new(options.points as usize, noise_of(&SourceNoise::default()));
         let which = options.point as usize - 1;
         return Ok(Estimator::of_front_end(PointFrontEnd::new(setup.sensor.clone(), points, which)));
     }
     let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
+    let source = SourceNoise::of_markers(&sources(&markers, setup)?);
     // Tracker and filter look at the same lines.
-    let noise = Arc::new((*noise).clone().wide_enough_for(&markers));
+    let noise = Arc::new(noise_of(&source).wide_enough_for(&markers));
     let tracker = tracker(options, &markers, &noise);
     let likelihood = Arc::new(Likelihood::new(markers.positions_capsule_m()));
     let activity = markers.total_activity_bq();

@@ -23,7 +23,7 @@
 //! asks again for every choice of dead blocks: of a full ring two dead blocks are 378 choices, hours.
 
 use crate::MarkerSet;
-use crate::config::{Installed, isotopes};
+use crate::config::{self, Installed};
 use crate::planning::Plan;
 use crate::planning::accuracy::PER_SIDE;
 use crate::planning::sensitivity::PhotonDetection;
@@ -83,6 +83,7 @@ pub struct ScannerLayout {
     markers: MarkerSet,
     /// The markers with positrons per second as their activity: isotopes may differ.
     sources: MarkerSet,
+    source_noise: SourceNoise,
     window_s: f64,
     background_share: f64,
     per_side: usize,
@@ -98,8 +99,9 @@ impl ScannerLayout {
         let table = read_table(options)?;
         let markers = MarkerSet::from_capsule(&setup.capsule_model, &setup.sensor, 3)?;
         let mut sources = markers.clone();
-        for (source, isotope) in sources.markers.iter_mut().zip(isotopes(&markers, setup)?) {
-            source.activity_bq *= isotope.positrons_per_decay();
+        let as_sources = config::sources(&markers, setup)?;
+        for (source, known) in sources.markers.iter_mut().zip(&as_sources) {
+            source.activity_bq *= known.isotope.positrons_per_decay();
         }
         let installed_s = opened.table.window_ms.map(|window| 1e-3 * window.0);
         let period_s = setup.schedule.map(|schedule| schedule.rate_hz.0.recip());
@@ -111,6 +113,7 @@ impl ScannerLayout {
             window_s: table.window_s.map(|window| window.0).or(installed_s).or(period_s).unwrap_or(WINDOW_S),
             background_share: table.background_share.0,
             per_side: table.per_side as usize,
+            source_noise: SourceNoise::of_markers(&as_sources),
             scanner: opened.scanner,
             phantom: opened.phantom,
             markers,
@@ -247,7 +250,7 @@ impl Blocks {
         // The sum over directions starts from the first block of a pair: the order in which they are named must not be seen.
         chosen.sort_by_key(|(number, _)| *number);
         let scanner = layout.scanner.of_blocks(&chosen);
-        let noise = LineNoise::new(&scanner, &layout.block_noise, &SourceNoise::default())
+        let noise = LineNoise::new(&scanner, &layout.block_noise, &layout.source_noise)
             .wide_enough_for(&layout.markers);
         Self { elements: elements.to_vec(), scanner, noise }
     }

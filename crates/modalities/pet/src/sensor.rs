@@ -14,13 +14,13 @@
 
 #![expect(clippy::disallowed_types, reason = "world side: a sensor observes the truth")]
 
-use crate::config::{Installed, RealityTable, isotopes};
+use crate::config::{Installed, RealityTable, sources};
 use crate::line::Line;
-use crate::markers::{Marker, MarkerSet};
+use crate::markers::MarkerSet;
 use crate::payload;
 use crate::rail::Rail;
 use crate::scanner::Scanner;
-use crate::simulation::{Isotope, LabelledLine, Mode, Origin, Settings, Simulator, SourceMarker, TableStore};
+use crate::simulation::{LabelledLine, Mode, Origin, Settings, Simulator, SourceMarker, TableStore};
 use lumenav_core::frame::ColumnKind;
 use lumenav_core::pose::interpolate;
 use lumenav_core::time::nanoseconds;
@@ -77,14 +77,7 @@ impl PetSensor {
                 return Err(node.error_at(key, &message).into());
             }
         }
-        let source = |(marker, isotope): (&Marker, Isotope)| SourceMarker {
-            position_capsule_m: marker.position_capsule_m,
-            activity_bq: marker.activity_bq,
-            isotope,
-            core_diameter_m: marker.core_diameter_m,
-            shell: marker.shell,
-        };
-        let true_markers = markers.markers.iter().zip(isotopes(&markers, setup)?).map(source).collect();
+        let true_markers = sources(&markers, setup)?;
         Ok(Self {
             name: setup.sensor.clone(),
             window_ns: window_ns(&installed, &schedule),

@@ -21,8 +21,8 @@ use lumenav_pet::model::LinesModel;
 use lumenav_pet::payload;
 use lumenav_pet::tracking::mixture::FIRST_BACKGROUND;
 use lumenav_pet::tracking::{
-    BlockNoise, Budget, ClassicOptions, Fcm, Likelihood, LineNoise, Mixture, MixtureOptions, Rigid,
-    SourceNoise, Weights, Window as PreparedWindow,
+    BlockNoise, Budget, ClassicOptions, Fcm, Likelihood, LineNoise, Mixture, MixtureOptions, Rigid, Weights,
+    Window as PreparedWindow,
 };
 use nalgebra::{Isometry3, Vector3};
 use std::collections::BTreeMap;
@@ -92,7 +92,7 @@ impl Estimators {
     /// For a set-up: its markers as installed, its scanner's line noise.
     pub fn new(set: &Set) -> Self {
         let block = BlockNoise::of_block(&set.scanner, &set.scintillator, set.settings.end_points);
-        let noise = Arc::new(LineNoise::new(&set.scanner, &block, &SourceNoise::default()));
+        let noise = Arc::new(LineNoise::new(&set.scanner, &block, &set.source_noise));
         Self { set: set.clone(), noise }
     }
 

@@ -10,6 +10,7 @@ use lumenav_core::{ModelFolder, Node, RandomStreams};
 use lumenav_pet::simulation::{
     Isotope, LabelledLine, Mode, Origin, Scintillator, Settings, Simulator, SourceMarker,
 };
+use lumenav_pet::tracking::SourceNoise;
 use lumenav_pet::{Line, MarkerSet, Scanner};
 use nalgebra::Vector3;
 
@@ -29,6 +30,8 @@ pub struct Set {
     pub phantom: Phantom,
     /// The markers as estimators know them.
     pub markers: MarkerSet,
+    /// Spread of their annihilations, by isotope and core.
+    pub source_noise: SourceNoise,
     /// The markers as they are.
     pub true_markers: Vec<SourceMarker>,
     /// How lines are made.
@@ -71,7 +74,8 @@ impl Set {
             });
         }
         let settings = Settings { mode: Mode::Forced, ..Settings::default() };
-        Ok(Self { scanner, scintillator, phantom, markers, true_markers, settings })
+        let source_noise = SourceNoise::of_markers(&true_markers);
+        Ok(Self { scanner, scintillator, phantom, markers, source_noise, true_markers, settings })
     }
 
     /// Where the markers really are, capsule frame, m: apex, base, base.

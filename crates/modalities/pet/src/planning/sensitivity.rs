@@ -8,11 +8,11 @@
 //! β positrons per decay, τ the optical depth at 511 keV, μ_s the scintillator's, e the distance from the block's nearest edge, where a part
 //! of what scatters leaves the block. The integral runs over the block's face by the midpoint rule, in parts of which each counts by the
 //! share that sees the partner. Lines of photons that did not scatter in the body, alone: scattered and random lines are the background,
-//! which a plan takes as a share. Neglected: photons that enter a block through its side, dead time.
+//! which a plan takes as a share. Neglected: photons that enter a block through its side, whether one heads for the edge that is near, dead time.
 
 use crate::Scanner;
 use crate::simulation::Scintillator;
-use crate::simulation::block::{BlockPhysics, passes_window};
+use crate::simulation::block::{BlockPhysics, EDGES_M, FIELD_M, passes_window};
 use crate::simulation::compton::ELECTRON_REST_ENERGY_EV;
 use crate::simulation::photon::Photon;
 use lumenav_anatomy::phantom::Phantom;
@@ -29,12 +29,8 @@ pub struct PhotonDetection {
     pub accepted: [f64; EDGES_M.len() + 1],
 }
 
-/// Ends of the steps over the distance of an entry from its block's nearest edge, m: most photons that scatter stop within 10 mm.
-pub const EDGES_M: [f64; 2] = [3e-3, 9e-3];
 /// Photons that [`PhotonDetection::of_block`] sends into a block: its largest share then stands to half a per cent.
 const TRIALS: u32 = 40_000;
-/// Half the side of the cube about the scanner's middle that photons come from, m: where capsules are.
-const FIELD_M: f64 = 0.1;
 
 impl PhotonDetection {
     /// From the block's physics, which both sides know: annihilation photons from about the scanner's middle enter the face of one block

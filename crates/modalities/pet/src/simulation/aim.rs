@@ -3,7 +3,7 @@
 //! Every ray that enters a block, through its face or a side, crosses the plane of the face within a rectangle: the face, and the
 //! shadow of the block's back edges as seen from the source. A point drawn evenly in that rectangle and kept with probability
 //! `(D / r³) / G` (`D` distance of the source from the plane, `r` of the point, `G ≥ D / r³`) is a ray drawn evenly in solid angle;
-//! of the rectangle's area `A` follow `A G / 4π` such draws per photon. Rectangles of neighbours overlap, so a ray counts for the
+//! of the rectangle's area `A` follow `A G / 4π` such draws per photon, times the share of photons that can matter there. Rectangles of neighbours overlap, so a ray counts for the
 //! block that it enters first.
 
 use super::Physics;

@@ -22,6 +22,11 @@ const MAX_DEPOSITS: usize = 24;
 /// FWHM of a Gaussian over its standard deviation, `2 sqrt(2 ln 2)`.
 pub const FWHM_PER_SIGMA: f64 = 2.354_820_045_030_949_3;
 
+/// Ends of steps over the distance of an entry from its block's nearest edge, m: most photons that scatter stop within 10 mm.
+pub const EDGES_M: [f64; 2] = [3e-3, 9e-3];
+/// Half the side of the cube about the scanner's middle where capsules are, m.
+pub const FIELD_M: f64 = 0.1;
+
 /// What a block saw of one photon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deposit {
@@ -135,7 +140,9 @@ impl BlockPhysics {
         inward <= 0.0
             || (0..2).any(|axis| {
                 let on_plane = (place_m[axis] * direction.z + direction[axis] * before_m).abs();
-                let moved = within_rad * (place_m[axis].abs() + before_m) + within_m * (inward + within_rad);
+                // Of h n + v b, which is where the ray meets the plane times n: a turn moves v and n, a start anywhere in the ball h and b.
+                let moved =
+                    within_rad * (place_m[axis].abs() + before_m) + within_m * (1.0 + 2.0 * within_rad);
                 let reach = (direction[axis].abs() + within_rad) * self.grid.depth_m;
                 on_plane - moved > self.half_m[axis] * inward + reach
             })

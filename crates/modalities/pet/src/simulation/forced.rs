@@ -62,7 +62,7 @@ pub(super) struct Forced {
     number: u32,
 }
 
-/// One window: when, and the share of lines that dead time and third singles leave.
+/// One window: when, and how long.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
     /// Start, s.

@@ -7,7 +7,7 @@
 //! that fires, as in the block itself: it depends on where between two crystals a photon came in. Neglected: that an interaction cannot
 //! fall into a gap; a photon that enters through a side counts as one at the edge.
 
-use super::block::{BlockPhysics, passes_window};
+use super::block::{BlockPhysics, EDGES_M, passes_window};
 use super::compton::ELECTRON_REST_ENERGY_EV;
 use super::photon::Photon;
 use crate::scanner::{CrystalGrid, Scanner};
@@ -23,8 +23,6 @@ const ANGLES: usize = 9;
 const LARGEST_RAD: f64 = 1.178_097_245_096_172_5;
 /// Kinds of entries: two near an edge, each heading for it or away, and the others.
 const ENTRIES: usize = 2 * EDGES_M.len() + 1;
-/// Ends of the cells over the distance from an edge, m: most photons that scatter stop within 10 mm.
-const EDGES_M: [f64; 2] = [3e-3, 9e-3];
 /// Photons per cell: the acceptance is known within 1.5 % of itself.
 const PHOTONS: usize = 3000;
 /// Tracks kept per cell: enough to look random, few enough to stay in the cache.
@@ -227,6 +225,7 @@ impl Response {
     /// photons that get here were already chosen: at least the acceptance of their cell.
     pub fn draw(&self, photon: &Photon, given: f64, random: &mut RandomStream) -> Option<Placed> {
         let cell = self.cell(photon);
+        debug_assert!(cell.accepted <= given * (1.0 + 1e-9), "{} of {given}", cell.accepted);
         if random.random::<f64>() * given >= cell.accepted || cell.tracks.is_empty() {
             return None;
         }

@@ -1,14 +1,15 @@
 //! The fastest mode, for long and many runs: aimed photons, the blocks' response and backgrounds from tables.
 //!
 //! True lines, and scattered ones of which one photon is direct, are made as in [`super::forced`], but each kind by itself, and what it asks
-//! for thins the draws before anything is computed: true lines the transmission of both photons and twice the blocks' largest acceptance,
-//! scattered ones a first scattering that leaves enough energy ([`super::scattering`]). The blocks' response comes from
+//! for thins the draws before anything is computed, tile by tile of the blocks' faces: true lines the transmission of both photons, the largest
+//! acceptance of both blocks under the angles that there are, and a block behind the marker that the other photon can meet; scattered ones a first
+//! scattering that leaves enough energy ([`super::scattering`]). The blocks' response comes from
 //! [`super::response`]. The rest (lines with a prompt gamma, lines without a direct photon, singles for random lines) comes from
 //! [`super::tables`], a grid over the marker's place. A node is chosen with its trilinear weight, so rates and lines are
 //! interpolated linearly.
 //!
 //! Approximate where `forced` is not: see [`super::response`]; directions and transmission are taken at the marker's place, not the
-//! annihilation's (a millimetre beside it); background lines are blurred by the grid's spacing.
+//! annihilation's (a positron's range beside it); background lines are blurred by the grid's spacing.
 
 use super::Physics;
 use super::aim::{Aim, Aimed, Shares};
@@ -27,7 +28,7 @@ use rand::RngExt as _;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Rectangles of the aim are cut into so many tiles along each side, each drawn as often as photons get out of the body there.
+/// Rectangles of the aim are cut into so many tiles along each side, each drawn as often as what goes there can make a line.
 const TILES: usize = 4;
 /// Transmission within a tile is at most this times the largest at its corners, that of two photons at most its square (within a tile of
 /// 45 mm at 0.4 m directions differ by 6 degrees); where a voxel body has finer structure the excess is cut off.
@@ -106,12 +107,13 @@ struct Way {
 }
 
 impl<'a> Sight<'a> {
-    /// Acollinearity is within so many standard deviations: all but one pair in a million.
+    /// Acollinearity is within so many standard deviations of each of its two axes: all but one pair in 300,000.
     const DEVIATIONS: f64 = 5.0;
     /// Rectangles reach so far beyond their blocks, as a share: shadows of the back edges.
     const SHADOW: f64 = 1.5;
-    /// A tile is seen from its corners alone, so a block that is met at more than so many times its distance may be overlooked between.
-    const FURTHEST: f64 = 3.0;
+    /// A tile is seen from its corners alone. Its shadow behind the marker is `SHADOW / TILES` blocks wide where both are as far away, so that
+    /// a block that is met at more than so many times its distance may lie between the corners.
+    const FURTHEST: f64 = 2.0;
 
     fn new(source: Source<'a>) -> Self {
         let Source { physics, paths, marker, window, .. } = source;
@@ -132,6 +134,15 @@ impl<'a> Sight<'a> {
         Way { block, direction: way / length_m, length_m }
     }
 
+    /// Share of photons in a direction that get out of the body; 1 from outside it, where one at a corner tells nothing of those beside it.
+    fn through(&self, direction: &Vector3<f64>) -> f64 {
+        let body = &self.physics.body;
+        match body.chord_m(&self.from_m, direction) {
+            Some((near_m, _)) if near_m < 0.0 => body.transmission_511(&self.from_m, direction),
+            _ => 1.0,
+        }
+    }
+
     /// The largest acceptance of photons to about this corner.
     fn first(&self, response: &Response, way: &Way) -> f64 {
         let outward = &self.physics.detectors.scanner().blocks[way.block].outward;
@@ -148,7 +159,9 @@ impl<'a> Sight<'a> {
         let mut most = 0.0_f64;
         for other in (0..scanner.blocks.len()).filter(|other| scanner.can_coincide(way.block, *other)) {
             let seen = detectors.to_block(other, &back);
-            let is_far = seen.place_m.z.abs() > Self::FURTHEST * way.length_m;
+            // Turned about its own axis, a block may poke a corner into the shadow of a tile whose own corners it leaves out.
+            let upright = scanner.blocks[way.block].axial.dot(&scanner.blocks[other].axial).abs() > UPRIGHT;
+            let is_far = seen.place_m.z.abs() > Self::FURTHEST * way.length_m * seen.direction.z || !upright;
             let near = (self.within_m, within_rad);
             if !is_far && detectors.physics().is_missed_from_about(&seen.place_m, &seen.direction, near) {
                 continue;
@@ -160,6 +173,9 @@ impl<'a> Sight<'a> {
         most
     }
 }
+
+/// Blocks whose axes along the scanner differ by less stand alike, cosine.
+const UPRIGHT: f64 = 1.0 - 1e-6;
 
 /// Cosine of an angle that is so much larger, at most a right one.
 fn wider(cosine: f64, by_rad: f64) -> f64 {
@@ -201,7 +217,7 @@ impl Tabulated {
             let source = Source { physics, paths, marker, photons, window };
             self.true_lines(source, random, out);
             self.scattered_lines(source, random, out);
-            self.background(physics, (marker, decays), window, random, out);
+            self.background((marker, decays), window, random, out);
         }
         self.randoms_and_losses(physics, window, random, out);
         true
@@ -240,9 +256,7 @@ impl Tabulated {
         let sight = Sight::new(source);
         self.aim.set(source.physics, source.paths, source.marker, TILES, |block, corner| {
             let way = sight.to(block, corner);
-            let (there, back) = (way.direction, -way.direction);
-            let through =
-                body.transmission_511(&sight.from_m, &there) * body.transmission_511(&sight.from_m, &back);
+            let through = sight.through(&way.direction) * sight.through(&-way.direction);
             Shares {
                 through: TILE_MARGIN * TILE_MARGIN * through,
                 first: sight.first(response, &way),
@@ -272,7 +286,7 @@ impl Tabulated {
         let sight = Sight::new(source);
         self.aim.set(source.physics, source.paths, source.marker, TILES, |block, corner| {
             let way = sight.to(block, corner);
-            let through = TILE_MARGIN * body.transmission_511(&sight.from_m, &way.direction);
+            let through = TILE_MARGIN * sight.through(&way.direction);
             Shares { through, first: sight.first(response, &way), second: 1.0 }
         });
         let draws = source.photons * self.aim.draws_per_photon() * scatterings.per_scattering();
@@ -349,13 +363,11 @@ impl Tabulated {
     /// Lines with a prompt gamma, and lines without a direct photon.
     fn background(
         &self,
-        physics: &Physics,
         (marker, decays): (usize, f64),
         window: Window,
         random: &mut RandomStream,
         out: &mut Vec<LabelledLine>,
     ) {
-        debug_assert!(marker < physics.markers.len());
         let rate = |node: &Node| node.lines_per_decay;
         let count = super::poisson(decays * self.mean(marker, rate), random);
         for _ in 0..count {

@@ -20,7 +20,7 @@ use super::lanes::{Eight, Four, LANES, Three, three};
 use super::quad::Quad;
 use super::register::{Kernel, Register, Unit, dispatch, dot, load, splat3};
 use super::thompson;
-use super::window::{FEWEST_LINES, Rays, ToSingles, Window};
+use super::window::{FEWEST_LINES, Rays, ToNarrow, Window};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -51,7 +51,7 @@ pub struct Centroid {
     /// The lines still in, packed, in an order of their own.
     kept: Vec<Rays>,
     /// The same in single precision, of the centroid that was found last.
-    kept_singles: Vec<Rays<Eight>>,
+    kept_narrow: Vec<Rays<Eight>>,
     /// Place in the window of each line still in.
     places: Vec<u32>,
     distances_m: Vec<Four>,
@@ -139,7 +139,7 @@ impl Centroid {
             }
         }
         self.solve()?;
-        ToSingles { packs: &self.kept, singles: &mut self.kept_singles }.run();
+        ToNarrow { packs: &self.kept, narrow: &mut self.kept_narrow }.run();
         if centre.iter().all(|v| v.is_finite()) { Ok(centre) } else { Err(Failure::Parallel { spread: 0.0 }) }
     }
 
@@ -159,8 +159,8 @@ impl Centroid {
         &self.kept
     }
 
-    pub(crate) fn kept_singles(&self) -> &[Rays<Eight>] {
-        &self.kept_singles
+    pub(crate) fn kept_narrow(&self) -> &[Rays<Eight>] {
+        &self.kept_narrow
     }
 
     fn take(&mut self, window: &Window) {

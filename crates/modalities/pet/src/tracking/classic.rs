@@ -129,7 +129,8 @@ impl Classic {
         let hint = prior.filter(|p| p.how != PriorUse::None).map(|p| p.world_from_capsule);
         let known = hint.or(self.memory.world_from_capsule);
         let place = known.map(|p| p.transform_point(&self.body.centroid_m.into()).coords);
-        let about_world_m = place.or(self.memory.centroid_world_m).unwrap_or_default();
+        let about_world_m =
+            place.or(self.memory.centroid_world_m).unwrap_or_else(|| super::window::middle_m(lines));
         let budget = self.options.budget.lines(self.body.len(), self.memory.background_share);
         let velocity_world_m_s = Vector3::zeros();
         let how = Preparation { about_world_m, velocity_world_m_s, at_s: 0.0, budget };
@@ -183,7 +184,7 @@ impl Classic {
 
     /// A pass at the present places; the lines within reach of a marker.
     pub(crate) fn memberships(&mut self) -> f64 {
-        let rays = self.centroid.kept_singles();
+        let rays = self.centroid.kept_narrow();
         self.cost_m2 = pass(rays, &self.places_m, &self.shares, &mut self.sums);
         self.passing()
     }
@@ -231,7 +232,7 @@ impl Classic {
 
     /// Squared distances of the kept lines from their markers, each capped at reach, m².
     fn capped_cost(&mut self) -> f64 {
-        nearest(self.centroid.kept_singles(), &self.places_m, REACH_M, &mut self.nearest);
+        nearest(self.centroid.kept_narrow(), &self.places_m, REACH_M, &mut self.nearest);
         self.nearest.iter().map(|lines| lines.squared_m2.sum()).sum()
     }
 

@@ -25,8 +25,8 @@ const LONGEST_RAD: f64 = 0.5;
 /// Floor of D per effective line: a line of 3 mm standard deviation, and the same on an arm of 5 mm.
 const FLOOR_POSITION: f64 = 1.0 / (3e-3 * 3e-3);
 const FLOOR_ROTATION: f64 = FLOOR_POSITION * 5e-3 * 5e-3;
-/// Objectives that differ by less of them are one: single precision.
-const SAME: f64 = 2e-7;
+/// Objectives that differ by less per near line are one: what single precision leaves of the logarithm of a density.
+const SAME: f64 = 2e-6;
 /// First damping after a refused step.
 const FIRST_DAMPING: f64 = 0.1;
 /// Strength of the prior of the markers' shares, lines: activities are known to some per cent, what the scanner sees of them is computed,
@@ -174,7 +174,7 @@ impl Climber {
             let before = (self.weights.clone_shares(), self.weights.background);
             self.expect(shares);
             let trial = self.look(likelihood, window, &oplus(&top.pose, &step), shares, prior);
-            if trial.objective >= top.objective - SAME * top.objective.abs() {
+            if trial.objective >= top.objective - SAME * top.near as f64 {
                 top = trial;
                 gradient = self.evaluation.gradient;
                 damping = if damping > 2e-3 { 0.1 * damping } else { 0.0 };
@@ -227,7 +227,7 @@ impl Climber {
         shares: &SharePrior,
         prior: Option<&NormalPrior>,
     ) -> Top {
-        likelihood.evaluate_singly(window, pose, &self.weights, &mut self.evaluation);
+        likelihood.evaluate_narrow(window, pose, &self.weights, &mut self.evaluation);
         let mut top = Top::nothing_at(pose);
         top.add(&self.evaluation, window);
         top.objective += self.log_share_prior(shares);

@@ -375,14 +375,14 @@ impl Likelihood {
     }
 
     /// As [`Self::evaluate`], in single precision: what decides a step. The value is told to 1e-3, the rest to 1e-5 of it.
-    pub(crate) fn evaluate_singly(
+    pub(crate) fn evaluate_narrow(
         &self,
         window: &Window,
         pose: &Isometry3<f64>,
         weights: &Weights,
         out: &mut Evaluation,
     ) {
-        self.evaluate_packs(&window.single_shapes, window, pose, weights, out);
+        self.evaluate_packs(&window.narrow_shapes, window, pose, weights, out);
     }
 
     fn evaluate_packs<T: Numbers>(
@@ -558,3 +558,6 @@ fn density<T: Numbers, S: Unit>(unit: S, s: &Shapes<T>, p: &Placed) -> T::In<S> 
     let Densities { of_component, .. } = densities::<T, S>(unit, s, &splat3(unit, &p.at_m), weight);
     of_component[0] + of_component[1] + of_component[2]
 }
+
+#[cfg(test)]
+mod tests;

@@ -306,7 +306,7 @@ impl Mixture {
         let mut placed = [super::likelihood::Placed::default(); super::likelihood::MAX_MARKERS];
         let weights = &self.climber.weights;
         let used = self.likelihood.place(pose, &self.window.origin_world_m, weights, &mut placed);
-        likeliest_origins(&self.window.single_shapes, &placed[..used], weights.background, &mut self.origins);
+        likeliest_origins(&self.window.narrow_shapes, &placed[..used], weights.background, &mut self.origins);
         for index in &self.window.indices {
             roles[*index as usize] = Role::Background;
         }

@@ -22,9 +22,9 @@ use super::lanes::{Four, LANES, Three, lanes};
 use crate::coverage::Coverage;
 use crate::markers::MarkerSet;
 use crate::scanner::Scanner;
-use crate::simulation::block::{BlockPhysics, kill_energy_ev, passes_window};
+use crate::simulation::block::{BlockPhysics, FIELD_M, kill_energy_ev, passes_window};
 use crate::simulation::source::ANNIHILATION_EV;
-use crate::simulation::{EndPoints, Photon, Scintillator};
+use crate::simulation::{EndPoints, Photon, Scintillator, SourceMarker};
 use lumenav_core::{RandomStream, RandomStreams};
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt as _;
@@ -186,8 +186,6 @@ fn one_error(
 const SAMPLES: usize = 6000;
 /// Photons sent at most; the thinnest shipped crystal keeps one of six.
 const TRIES: usize = 200_000;
-/// Half the side of the cube about the scanner's middle that photons come from, m: where capsules are.
-const FIELD_M: f64 = 0.1;
 /// No detector tells a place to better than a tenth of a millimetre; keeps every covariance invertible.
 const SMALLEST_VARIANCE_M2: f64 = 1e-8;
 /// Steps of the fit: the shares of a sample of 20,000 stand still to three digits after 60.
@@ -223,6 +221,16 @@ pub struct SourceNoise {
     pub acollinearity_fwhm_rad: f64,
     /// Lines within this of the markers' centroid are looked at, and background is even among them, m.
     pub background_radius_m: f64,
+}
+
+impl SourceNoise {
+    /// Of the markers as installed: the mean of their annihilations' variances, by activity.
+    pub fn of_markers(markers: &[SourceMarker]) -> Self {
+        let activity_bq: f64 = markers.iter().map(|marker| marker.activity_bq).sum();
+        let weighted: f64 = markers.iter().map(|marker| marker.activity_bq * marker.variance_m2()).sum();
+        let variance_m2 = if activity_bq > 0.0 { weighted / activity_bq } else { SODIUM_SOURCE_VARIANCE_M2 };
+        Self { variance_m2, ..Self::default() }
+    }
 }
 
 impl Default for SourceNoise {

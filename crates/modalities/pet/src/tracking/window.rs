@@ -1,4 +1,5 @@
-//! A window's lines, made ready for the loops: directions, places and the shape of their noise, four lines to a pack.
+//! A window's lines, made ready for the loops: directions, places and the shape of their noise, four lines to a pack, and the same in single
+//! precision, eight to a pack.
 //!
 //! Places are kept from `origin` (a point near the markers), so that no digits are lost on the scanner's radius. For each line a
 //! basis `(e1, e2)` of the plane perpendicular to it; the offset of a point M from the line is `u = (e1·(c - M), e2·(c - M))`, c
@@ -43,15 +44,15 @@ pub(crate) struct Shapes<T = Four> {
 
 /// Two packs of four lines as one of eight in single precision.
 pub(crate) trait Paired: Copy {
-    type Single;
+    type Narrow;
 
-    fn single(&self, second: &Self) -> Self::Single;
+    fn narrow(&self, second: &Self) -> Self::Narrow;
     /// The same lines, which count for nothing.
     fn emptied(&self) -> Self;
 }
 
 #[inline(always)]
-fn singles<const N: usize>(first: &[Four; N], second: &[Four; N]) -> [Eight; N] {
+fn narrow<const N: usize>(first: &[Four; N], second: &[Four; N]) -> [Eight; N] {
     let mut both = [Eight::default(); N];
     for i in 0..N {
         both[i] = Eight::of(first[i], second[i]);
@@ -60,13 +61,13 @@ fn singles<const N: usize>(first: &[Four; N], second: &[Four; N]) -> [Eight; N] 
 }
 
 impl Paired for Rays {
-    type Single = Rays<Eight>;
+    type Narrow = Rays<Eight>;
 
     #[inline(always)]
-    fn single(&self, second: &Self) -> Rays<Eight> {
+    fn narrow(&self, second: &Self) -> Rays<Eight> {
         Rays {
-            direction: singles(&self.direction, &second.direction),
-            foot_m: singles(&self.foot_m, &second.foot_m),
+            direction: narrow(&self.direction, &second.direction),
+            foot_m: narrow(&self.foot_m, &second.foot_m),
             filled: Eight::of(self.filled, second.filled),
         }
     }
@@ -78,16 +79,16 @@ impl Paired for Rays {
 }
 
 impl Paired for Shapes {
-    type Single = Shapes<Eight>;
+    type Narrow = Shapes<Eight>;
 
     #[inline(always)]
-    fn single(&self, second: &Self) -> Shapes<Eight> {
+    fn narrow(&self, second: &Self) -> Shapes<Eight> {
         Shapes {
-            e1: singles(&self.e1, &second.e1),
-            e2: singles(&self.e2, &second.e2),
-            at: singles(&self.at, &second.at),
-            precision: three!(k => singles(&self.precision[k], &second.precision[k])),
-            peak: singles(&self.peak, &second.peak),
+            e1: narrow(&self.e1, &second.e1),
+            e2: narrow(&self.e2, &second.e2),
+            at: narrow(&self.at, &second.at),
+            precision: three!(k => narrow(&self.precision[k], &second.precision[k])),
+            peak: narrow(&self.peak, &second.peak),
             background: Eight::of(self.background, second.background),
             filled: Eight::of(self.filled, second.filled),
         }
@@ -100,26 +101,26 @@ impl Paired for Shapes {
 }
 
 /// Packs of four as packs of eight in single precision.
-pub(crate) struct ToSingles<'a, P: Paired> {
+pub(crate) struct ToNarrow<'a, P: Paired> {
     pub(crate) packs: &'a [P],
-    pub(crate) singles: &'a mut Vec<P::Single>,
+    pub(crate) narrow: &'a mut Vec<P::Narrow>,
 }
 
-impl<P: Paired> ToSingles<'_, P> {
+impl<P: Paired> ToNarrow<'_, P> {
     pub(crate) fn run(self) {
-        self.singles.clear();
+        self.narrow.clear();
         Arch::new().dispatch(self);
     }
 }
 
-impl<P: Paired> WithSimd for ToSingles<'_, P> {
+impl<P: Paired> WithSimd for ToNarrow<'_, P> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let (pairs, last) = self.packs.as_chunks::<2>();
-        self.singles.extend(pairs.iter().map(|[first, second]| first.single(second)));
-        self.singles.extend(last.iter().map(|pack| pack.single(&pack.emptied())));
+        self.narrow.extend(pairs.iter().map(|[first, second]| first.narrow(second)));
+        self.narrow.extend(last.iter().map(|pack| pack.narrow(&pack.emptied())));
     }
 }
 
@@ -139,7 +140,7 @@ pub struct Window {
     /// Of the lines that pass near: the others are no one's, they count for nothing.
     pub(crate) shapes: Vec<Shapes>,
     /// The same in single precision: what a climb looks at.
-    pub(crate) single_shapes: Vec<Shapes<Eight>>,
+    pub(crate) narrow_shapes: Vec<Shapes<Eight>>,
     /// Index in the given slice of each line that is in.
     pub(crate) indices: Vec<u32>,
     /// Index in the given slice of each line that passes near.
@@ -205,7 +206,7 @@ impl Window {
         self.ends.clear();
         self.rays.clear();
         self.shapes.clear();
-        self.single_shapes.clear();
+        self.narrow_shapes.clear();
         self.origin_world_m = how.about_world_m;
         // Without a budget, or within it, all are taken.
         let most = how.budget.filter(|most| *most < lines.len());
@@ -246,7 +247,7 @@ impl Window {
         self.shapes.clear();
         let (ends, origin, shapes) = (&self.near_ends, &self.origin_world_m, &mut self.shapes);
         Arch::new().dispatch(ToShapes { ends, origin, noise, shapes });
-        ToSingles { packs: &self.shapes, singles: &mut self.single_shapes }.run();
+        ToNarrow { packs: &self.shapes, narrow: &mut self.narrow_shapes }.run();
         self.background_per_m2 = 1.0 / (std::f64::consts::PI * noise.background_radius_m.powi(2));
     }
 
@@ -367,6 +368,15 @@ fn fill_up(packs: &mut [Ends]) {
             pack.b[axis].0[lane] = pack.b[axis].0[0];
         }
     }
+}
+
+/// The mean of the usable lines' middles: an origin where nothing is known, m.
+pub(crate) fn middle_m(lines: &[Line]) -> Vector3<f64> {
+    let usable = lines.iter().filter(|line| is_usable(line));
+    let (sum, count) = usable.fold((Vector3::zeros(), 0.0), |(sum, count), line| {
+        (sum + 0.5 * (line.ends_world_m[0] + line.ends_world_m[1]), count + 1.0)
+    });
+    if count > 0.0 { sum / count } else { sum }
 }
 
 pub(crate) fn is_usable(line: &Line) -> bool {

@@ -109,3 +109,48 @@ fn closed_form_rays_enter_through_sides() {
     assert!(block.chord_m(&Vector3::new(0.0, 0.0, -0.1), &Vector3::x()).is_none());
     assert_eq!(block.chord_m(&Vector3::new(0.0, 0.0, 0.005), &Vector3::z()).unwrap().0, 0.0);
 }
+
+/// No ray of a neighbourhood that is said to miss the block hits it; and of the neighbourhoods that hit with none most are known to.
+#[test]
+fn law_a_neighbourhood_that_is_said_to_miss_hits_with_no_ray() {
+    let block = BlockPhysics::new(&scanner("reduced"), model("gso"));
+    let mut random = RandomStreams::new(8, 0, "block").stream("missed", 0);
+    let (mut missed, mut hit) = (0, 0);
+    for _ in 0..40_000 {
+        let mut cube = |half: f64| Vector3::from_fn(|_, _| half * (2.0 * random.random::<f64>() - 1.0));
+        let place = cube(0.9) - Vector3::new(0.0, 0.0, 0.9);
+        // Most rays are aimed at about the block's edges.
+        let direction = (cube(0.2) - place).normalize();
+        let (within_m, within_rad) = (0.02 * cube(1.0).x.abs(), 0.05 * cube(1.0).x.abs());
+        let is_missed = block.is_missed_from_about(&place, &direction, (within_m, within_rad));
+        let mut is_hit = false;
+        for _ in 0..20 {
+            let start = place + cube(1.0).normalize() * within_m * cube(1.0).x.abs().cbrt();
+            let turned = (direction + cube(1.0).cross(&direction).normalize() * within_rad.sin()).normalize();
+            is_hit |= block.chord_m(&start, &turned).is_some();
+        }
+        assert!(!(is_missed && is_hit), "{place} {direction} {within_m} {within_rad}");
+        missed += u32::from(is_missed);
+        hit += u32::from(is_hit);
+    }
+    assert!(missed > 5_000 && hit > 5_000, "{missed} missed, {hit} hit");
+}
+
+/// Without a neighbourhood the answer is the ray's own: what is not said to miss, from the front, mostly hits.
+#[test]
+fn law_a_ray_that_is_said_to_miss_does() {
+    let block = BlockPhysics::new(&scanner("reduced"), model("gso"));
+    let mut random = RandomStreams::new(9, 0, "block").stream("missed", 0);
+    let [mut wrong, mut open] = [0, 0];
+    for _ in 0..100_000 {
+        let mut cube = |half: f64| Vector3::from_fn(|_, _| half * (2.0 * random.random::<f64>() - 1.0));
+        let place = cube(0.3) - Vector3::new(0.0, 0.0, 0.45);
+        let direction = (cube(0.15) - place).normalize();
+        let (is_missed, is_hit) =
+            (block.is_missed_from_the_front(&place, &direction), block.chord_m(&place, &direction).is_some());
+        assert!(!(is_missed && is_hit), "{place} {direction}");
+        wrong += u32::from(!is_missed && !is_hit);
+        open += u32::from(!is_missed);
+    }
+    assert!(f64::from(wrong) < 0.1 * f64::from(open), "{wrong} of {open}");
+}
