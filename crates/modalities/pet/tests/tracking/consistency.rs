@@ -87,6 +87,18 @@ fn law_covariance_of_the_mixture_is_that_of_its_errors() {
 }
 
 #[test]
+fn law_covariance_of_thin_windows_is_that_of_their_errors() {
+    let (mean, inside, flips, count) = judged(80.0, 0.708, 101..=124);
+    println!(
+        "figure: 80 lines: NEES/dof {mean:.3}, {:.1} % inside, {flips} flips of {count}",
+        100.0 * inside
+    );
+    assert!(count > 700 && flips == 0, "{count} {flips}");
+    assert!((0.8..=1.25).contains(&mean), "{mean}");
+    assert!((0.85..=0.95).contains(&inside), "{inside}");
+}
+
+#[test]
 fn law_translations_of_the_world_do_not_change_the_errors() {
     // The same lines carried along give the same pose carried along.
     let (set, law) = (capsule("pet-five"), BlockNoise::reference());
