@@ -67,9 +67,10 @@ fn published(sheet: &mut Sheet, out: &Path) {
         ("-", "than2015/dose"),
     ] {
         let command = format!("reproduce {id} --json");
-        sheet.row(&format!("{line} {id}"), &command, "every goal of its table", || {
-            reproduction(line, id, out)
-        });
+        // Without a line of its own nothing is asked of a table but that it can be made.
+        let asked =
+            if line == "-" { "its table can be made (it has no goal)" } else { "every goal of its table" };
+        sheet.row(&format!("{line} {id}"), &command, asked, || reproduction(line, id, out));
     }
 }
 
