@@ -13,9 +13,13 @@ figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
 for name in sorted(table["track"].unique().to_pylist()):
     track = table.filter(pc.equal(table["track"], name))
     mean = pc.mean(track["error_mm"]).as_py()
+    if mean is None:  # A replay without truth has no errors.
+        print(f"{name}: no truth, no errors")
+        continue
     axes.plot(track["t_ns"].to_numpy() * 1e-9, track["error_mm"].to_numpy(), lw=0.8, label=f"{name} (mean {mean:.2f} mm)")
 axes.set(xlabel="time / s", ylabel="position error / mm", title=folder)
 axes.set_ylim(bottom=0)
-axes.legend()
+if axes.lines:
+    axes.legend()
 figure.savefig(target, dpi=150)
 print(target)
