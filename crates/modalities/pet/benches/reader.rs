@@ -31,7 +31,13 @@ fn text(is_saved: bool, digits: usize) -> String {
         let _ = write!(text, "{t_ms:.digits$}");
         for k in 0..6 {
             let spread = (i as f64 * 0.618_033_988_749_895 + f64::from(k) * 0.754_877_666_246_693).fract();
-            let _ = write!(text, ",{:.digits$}", 800.0 * spread - 400.0);
+            // In the blocks at both ends of the y axis.
+            let place_mm = match k {
+                1 => 440.0 + 2.0 * spread,
+                4 => -440.0 - 2.0 * spread,
+                _ => 80.0 * spread - 40.0,
+            };
+            let _ = write!(text, ",{place_mm:.digits$}");
         }
         text.push('\n');
     }

@@ -209,6 +209,7 @@ impl Installed {
             "scintillator",
         )?;
         let scintillator = Scintillator::from_node(&crystals)?;
+        let scanner = scanner.with_interaction_depth(&scintillator);
         let phantom = match &table.phantom {
             Some(name) => Some(Phantom::from_node(&setup.models.open("phantoms", name, node, "phantom")?)?),
             None => None,

@@ -13,7 +13,8 @@
 //!
 //! Bad rows: `strict` stops at the first; `skip` passes over the row, not over its window, and hands out what it passed over. A text
 //! file whose last line has no end counts as cut: its last number may lack digits. `two-plane` lines are moved to the scanner's
-//! frame: the planes stand at z = ± separation / 2, `plane_centre_mm` on the axis.
+//! frame: the planes stand at z = ± separation / 2, `plane_centre_mm` on the axis. An end that lies at no block of the installed scanner is a
+//! bad row: another unit, another frame or another scanner.
 
 mod line_file;
 mod parquet;
@@ -171,7 +172,7 @@ pub fn open(scanner: &Scanner, node: &Node, setup: &Setup) -> Result<ReadingStre
         Format::TwoPlane => Box::new(two_plane::TwoPlaneFile::open(&path, &files, scanner)?),
         format => Box::new(line_file::LineFile::open(&path, format, scanner)?),
     };
-    Ok(Box::new(windows::Windows::new(source, node, &files, setup)?))
+    Ok(Box::new(windows::Windows::new(source, scanner, node, &files, setup)?))
 }
 
 /// What a text file holds, by its first row.

@@ -5,10 +5,10 @@
 //!
 //! ```text
 //! outward  n = (sin α, cos α, 0)      tangential t = (cos α, -sin α, 0)      axial e = (0, 0, 1)
-//! crystal (i, k) of block b:  (R + depth/2) n + h t + z e,   h = p_t (i - (columns - 1)/2),   z = z_b + p_a (k - (rows - 1)/2)
+//! crystal (i, k) of block b:  (R + d) n + h t + z e,   h = p_t (i - (columns - 1)/2),   z = z_b + p_a (k - (rows - 1)/2)
 //! ```
 //!
-//! with pitch = crystal + gap. List-mode data count X = block · columns + i and Z = row (axial). A block is flat, the ring a polygon:
+//! with pitch = crystal + gap, and d the depth at which ends are told ([`Scanner::told_depth_m`]). List-mode data count X = block · columns + i and Z = row (axial). A block is flat, the ring a polygon:
 //! the distance of a crystal from the axis varies within a block. Heads that are not on a ring (two plates) are listed one by one.
 //! A detector without crystals is one "crystal" per block with a `position_fwhm_mm`.
 
@@ -76,6 +76,8 @@ struct CrystalsTable {
     tangential_gap_mm: NonNegative,
     #[serde(default)]
     axial_gap_mm: NonNegative,
+    /// Depth behind the face at which the ends of lines are told, mm; absent: the mean depth of the deposits that are reported.
+    average_depth_of_interaction_mm: Option<NonNegative>,
 }
 
 /// `[detection]`.
@@ -133,11 +135,15 @@ struct ScannerFile {
 }
 
 /// Where the defaults of a scanner's tables come from: key and source.
-pub const SCANNER_SOURCES: [(&str, &str); 9] = [
+pub const SCANNER_SOURCES: [(&str, &str); 10] = [
     ("description", "chosen: none"),
     ("axial_mm", "chosen: one ring, in the middle"),
     ("tangential_gap_mm", "chosen: crystals touch"),
     ("axial_gap_mm", "chosen: crystals touch"),
+    (
+        "average_depth_of_interaction_mm",
+        "computed: mean depth of the deposits that the scintillator's physics reports",
+    ),
     ("block_dead_time_us", "chosen: no dead time unless the scanner's file says else"),
     ("efficiency", "chosen: every photon that passes the energy window is read out"),
     ("position_fwhm_mm", "chosen: crystals tell the place"),
@@ -230,6 +236,8 @@ pub struct Scanner {
     pub grid: CrystalGrid,
     /// How photons are detected.
     pub detection: Detection,
+    /// Depth behind the face at which ends are told, m; `None` before [`Self::with_interaction_depth`], and the crystals' middle then.
+    pub interaction_depth_m: Option<f64>,
     /// Row `a` of this square table, as long as there are blocks: whether `a` and `b` can fire together.
     pairs: Vec<bool>,
 }
@@ -262,14 +270,20 @@ impl Scanner {
             return Err(file
                 .error("a scanner has either a [ring] or one [[block]] or more, not both and not neither"));
         }
-        let grid = grid(&file.child_or_empty("crystals"))?;
+        let crystals = file.child_or_empty("crystals");
+        let (grid, interaction_depth_m) = (grid(&crystals)?, interaction_depth(&crystals)?);
         let (blocks, around) = match file.child("ring") {
             Some(ring) => blocks_of_ring(&ring.parse_sourced(&SCANNER_SOURCES)?, &ring)?,
             None => (listed_blocks(file)?, 0),
         };
         let pairs = pairs(file, blocks.len(), around)?;
         let detection = detection(&file.child_or_empty("detection"))?;
-        Ok(Self { name: table.name, blocks, grid, detection, pairs })
+        Ok(Self { name: table.name, blocks, grid, detection, interaction_depth_m, pairs })
+    }
+
+    /// Depth behind the face at which ends are told, m.
+    pub fn told_depth_m(&self) -> f64 {
+        self.interaction_depth_m.unwrap_or(0.5 * self.grid.depth_m)
     }
 
     /// Number of crystals.
@@ -303,13 +317,13 @@ impl Scanner {
         (block < self.blocks.len() && crystal.z < self.grid.rows).then_some(block)
     }
 
-    /// Centre of a crystal, m; `None` where there is no such crystal.
+    /// Where the end of a line in a crystal is told, m: on its axis, at [`Self::told_depth_m`]; `None` where there is no such crystal.
     pub fn position(&self, crystal: CrystalIndex) -> Option<Vector3<f64>> {
         let block = self.block_of(crystal)?;
         let g = &self.grid;
         let h_m = g.tangential_pitch_m * (f64::from(crystal.x % g.columns) - 0.5 * f64::from(g.columns - 1));
         let z_m = g.axial_pitch_m * (f64::from(crystal.z) - 0.5 * f64::from(g.rows - 1));
-        Some(self.in_block(block, h_m, z_m, 0.5 * g.depth_m))
+        Some(self.in_block(block, h_m, z_m, self.told_depth_m()))
     }
 
     /// A place in a block: `h` along the columns, `z` along the rows, `depth` behind the face, m.
@@ -344,6 +358,18 @@ impl Scanner {
         })
     }
 
+    /// Whether a place lies in a block or within `slack_m` of its sides.
+    pub fn is_at_a_block(&self, place_world_m: &Vector3<f64>, slack_m: f64) -> bool {
+        let g = &self.grid;
+        let (half_width_m, half_length_m) = (g.half_width_m() + slack_m, g.half_length_m() + slack_m);
+        (0..self.blocks.len()).any(|block| {
+            let p = self.to_block(block, place_world_m);
+            (-slack_m..=g.depth_m + slack_m).contains(&p.z)
+                && p.x.abs() <= half_width_m
+                && p.y.abs() <= half_length_m
+        })
+    }
+
     /// The block nearest to a place: for end points that a file gives without indices.
     pub fn nearest_block(&self, place_world_m: &Vector3<f64>) -> usize {
         let distance = |block: usize| {
@@ -371,6 +397,17 @@ fn grid(node: &Node) -> Result<CrystalGrid, ConfigError> {
         tangential_pitch_m: (table.tangential_mm.0 + table.tangential_gap_mm.0) * 1e-3,
         axial_pitch_m: (table.axial_mm.0 + table.axial_gap_mm.0) * 1e-3,
     })
+}
+
+fn interaction_depth(node: &Node) -> Result<Option<f64>, ConfigError> {
+    let table: CrystalsTable = node.parse_quietly()?;
+    let Some(depth_mm) = table.average_depth_of_interaction_mm else { return Ok(None) };
+    if depth_mm.0 > table.depth_mm.0 {
+        let message =
+            format!("{} mm; allowed: 0 to {} mm, the depth of a crystal", depth_mm.0, table.depth_mm.0);
+        return Err(node.error_at("average_depth_of_interaction_mm", &message));
+    }
+    Ok(Some(depth_mm.0 * 1e-3))
 }
 
 fn check_crystals(node: &Node, key: &str, count: u32) -> Result<(), ConfigError> {

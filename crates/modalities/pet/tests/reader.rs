@@ -104,10 +104,10 @@ fn rows_of(readings: &[Reading]) -> Vec<[f64; 7]> {
 
 const HEADER: &str = "t_ms,x1_mm,y1_mm,z1_mm,x2_mm,y2_mm,z2_mm\n";
 const ROWS: [[f64; 7]; 4] = [
-    [0.5, 1.25, 400.1, -3.0, 2.0, -400.0, 4.0],
-    [49.75, 0.1, 400.2, -3.5, 2.5, -400.5, 4.5],
-    [50.0, -0.3, 400.3, 0.0, 3.0, -401.0, 5.0],
-    [180.125, 7.0, 400.4, 1.0, 3.5, -401.5, 5.5],
+    [0.5, 1.25, 440.1, -3.0, 2.0, -440.0, 4.0],
+    [49.75, 0.1, 440.2, -3.5, 2.5, -440.5, 4.5],
+    [50.0, -0.3, 440.3, 0.0, 3.0, -441.0, 5.0],
+    [180.125, 7.0, 440.4, 1.0, 3.5, -441.5, 5.5],
 ];
 
 fn text_of(rows: &[[f64; 7]], separator: &str) -> String {
@@ -137,8 +137,8 @@ fn closed_form_lines_with_and_without_header_in_all_separators() {
     let shifted = folder.readings("allegro", "lines = \"a.csv\"\norigin_mm = [1, 2, 3]\ntime_zero_ms = 0.5");
     let first = lines_of(&shifted[0])[0];
     assert_eq!(first.t_s, 0.0);
-    assert!((first.ends_world_m[0] - Vector3::new(2.25e-3, 0.4021, 0.0)).norm() < 1e-15);
-    assert!((first.ends_world_m[1] - Vector3::new(3e-3, -0.398, 7e-3)).norm() < 1e-15);
+    assert!((first.ends_world_m[0] - Vector3::new(2.25e-3, 0.4421, 0.0)).norm() < 1e-15);
+    assert!((first.ends_world_m[1] - Vector3::new(3e-3, -0.438, 7e-3)).norm() < 1e-15);
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn closed_form_windows_by_time_and_by_count() {
 #[test]
 fn law_a_long_pause_makes_no_endless_readings() {
     let folder = Folder::new();
-    let rows = [ROWS[0], [1e12, 7.0, 400.4, 1.0, 3.5, -401.5, 5.5]];
+    let rows = [ROWS[0], [1e12, 7.0, 440.4, 1.0, 3.5, -441.5, 5.5]];
     folder.write("a.csv", format!("{HEADER}{}", text_of(&rows, ",")));
     let all = folder.read("allegro", "lines = \"a.csv\"\nbad_rows = \"skip\"").unwrap();
     assert!(all.len() < 5, "{}", all.len());
@@ -269,13 +269,49 @@ fn law_bad_rows_stop_or_are_counted() {
         ("1e300,1,2,3,4,5,6\n", "out of range"),
         ("60,1,2,\u{fffd},4,5,6\n", "column 4 (`z1_mm`) holds"),
     ] {
-        folder.write("bad.csv", format!("{HEADER}{good}{row}180,7,400,1,3,-400,5\n"));
+        folder.write("bad.csv", format!("{HEADER}{good}{row}180,7,440,1,3,-440,5\n"));
         let message = folder.error("allegro", "lines = \"bad.csv\"");
         assert!(message.contains(wanted), "{row}: {message}");
         let (lines, skipped) = folder.skipping("allegro", "lines = \"bad.csv\"");
         assert_eq!((lines, skipped.len()), (3, 1), "{row}");
         assert!(skipped[0].contains(wanted), "{skipped:?}");
     }
+}
+
+#[test]
+fn law_lines_that_are_not_the_scanners_are_bad_rows() {
+    let folder = Folder::new();
+    let changed = |change: &dyn Fn(f64) -> f64| {
+        let row = |row: &[f64; 7]| {
+            let mut row = *row;
+            row[1..].iter_mut().for_each(|v| *v = change(*v));
+            row
+        };
+        format!("{HEADER}{}", text_of(&ROWS.map(|r| row(&r)), ","))
+    };
+    for (what, text) in [
+        ("metres", changed(&|v| 1e-3 * v)),
+        ("inches", changed(&|v| v / 25.4)),
+        ("another centre", changed(&|v| v + 50.0)),
+        ("a smaller ring", changed(&|v| 0.9 * v)),
+    ] {
+        folder.write("a.csv", text);
+        let message = folder.error("allegro", "lines = \"a.csv\"");
+        assert!(
+            message.contains("a.csv:2: an end at (") && message.contains("`allegro`"),
+            "{what}: {message}"
+        );
+        assert_eq!(folder.skipping("allegro", "lines = \"a.csv\"").1.len(), ROWS.len(), "{what}");
+    }
+    // Between the blocks of the reduced scanner, which the full ring has.
+    let turned = "1.0,311,311,0,-311,-311,0\n";
+    folder.write("a.csv", format!("{HEADER}{turned}"));
+    assert_eq!(folder.skipping("allegro", "lines = \"a.csv\""), (1, vec![]));
+    assert!(folder.error("reduced", "lines = \"a.csv\"").contains("(311.0, 311.0, 0.0) mm is at no block"));
+    // A frame whose centre is elsewhere, and said to be.
+    folder.write("a.csv", changed(&|v| v + 50.0));
+    let (lines, _) = folder.skipping("allegro", "lines = \"a.csv\"\norigin_mm = [-50, -50, -50]");
+    assert_eq!(lines, ROWS.len());
 }
 
 #[test]
@@ -423,7 +459,7 @@ fn law_parquet_is_equal_to_csv_in_every_packing() {
     let folder = Folder::new();
     let rows: Vec<Vec<f64>> = (0..25_000)
         .map(|i| {
-            vec![f64::from(i) * 0.01, f64::from(i % 7) / 3.0, 400.0, 1.0, 2.0, -400.0, f64::from(i % 13)]
+            vec![f64::from(i) * 0.01, f64::from(i % 7) / 3.0, 440.0, 1.0, 2.0, -440.0, f64::from(i % 13)]
         })
         .collect();
     let text: String = rows

@@ -63,6 +63,7 @@ impl Set {
         let open =
             |kind: &str, name: &str| Node::open(&models.root().join(kind).join(format!("{name}.toml")));
         let scintillator = Scintillator::from_node(&open("scintillators", &scanner.detection.scintillator)?)?;
+        let scanner = scanner.with_interaction_depth(&scintillator);
         let mut true_markers = Vec::new();
         for marker in &markers.markers {
             true_markers.push(SourceMarker {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::Pet;
+use crate::simulation::{EndPoints, Scintillator};
 use lumenav_core::config::quantity::Fraction;
 use lumenav_core::{CapsuleBody, Modality as _, ModelFolder, Name, Schedule};
 use std::path::{Path, PathBuf};
@@ -88,11 +89,11 @@ fn closed_form_elements_are_the_blocks() {
 /// The whole scanner against the plan, whose parts are opened here by themselves.
 #[test]
 fn closed_form_all_blocks_say_what_the_plan_expects() {
-    use crate::simulation::{EndPoints, Scintillator};
     let open = |path: &str| Node::open(&models().join(path)).unwrap();
     let layout = layout(INSTALLED, "background_share = 0.25\nper_side = 6\n");
-    let scanner = Scanner::from_node(&open("scanners/reduced.toml")).unwrap();
     let crystals = Scintillator::from_node(&open("scintillators/gso.toml")).unwrap();
+    let scanner =
+        Scanner::from_node(&open("scanners/reduced.toml")).unwrap().with_interaction_depth(&crystals);
     let block = BlockNoise::of_block(&scanner, &crystals, EndPoints::Crystal);
     let plan = Plan {
         scanner: &scanner,
@@ -254,7 +255,9 @@ fn law_changes_of_a_scanner_are_as_in_its_file() {
         .replace("angles_deg = [0.0, 90.0, 180.0, 270.0]", "angles_deg = [0.0, 60.0, 180.0, 240.0]")
         .replace("columns = 38", "columns = 28")
         .replace("rows = 29", "rows = 20");
-    let wanted = Scanner::from_node(&node(&text)).unwrap();
+    let gso =
+        Scintillator::from_node(&Node::open(&models().join("scintillators/gso.toml")).unwrap()).unwrap();
+    let wanted = Scanner::from_node(&node(&text)).unwrap().with_interaction_depth(&gso);
     let changes =
         "scanner_changes = { radius_mm = 350, angles_deg = [0, 60, 180, 240], columns = 28, rows = 20 }\n";
     let found = layout(&format!("{INSTALLED}{changes}"), "");

@@ -1,16 +1,20 @@
 //! Lines, gathered into readings: so many lines, or so much time.
 
 use super::{FilesTable, LineRow, LineSource, WINDOW_MS};
+use crate::Scanner;
 use crate::payload::Columns;
 use lumenav_core::{ModalityError, Name, Node, Reading, Recorded, Setup, SimTime};
 use lumenav_records::BadRows;
 use lumenav_records::place::MAX_TIME_S;
+use nalgebra::Vector3;
 use std::collections::{BTreeMap, VecDeque};
 
 /// More lines than this in one window are a wrong unit of time: 2,400 is a full ring's 50 ms.
 pub(super) const MAX_WINDOW_LINES: usize = 1 << 20;
 /// Windows shorter or longer than this are a wrong unit, ms.
 const WINDOW_RANGE_MS: (f64, f64) = (0.01, 1e9);
+/// Ends may lie so far beside a block, m: rings are told as circles, places at the face or behind the crystals.
+const BESIDE_A_BLOCK_M: f64 = 0.010;
 /// Windows that share more than this with the next one never come to an end.
 const MAX_OVERLAP: f64 = 0.99;
 
@@ -25,6 +29,7 @@ enum Kind {
 /// line are readings without lines, but a pause of more than `max_gap_s` leaves a hole in the sequence.
 pub(super) struct Windows {
     source: Box<dyn LineSource>,
+    scanner: Scanner,
     kind: Kind,
     sensor: Name,
     time_zero_ms: f64,
@@ -47,12 +52,14 @@ pub(super) struct Windows {
 impl Windows {
     pub(super) fn new(
         source: Box<dyn LineSource>,
+        scanner: &Scanner,
         node: &Node,
         files: &FilesTable,
         setup: &Setup,
     ) -> Result<Self, ModalityError> {
         Ok(Self {
             source,
+            scanner: scanner.clone(),
             kind: kind(node, files)?,
             sensor: setup.sensor.clone(),
             time_zero_ms: files.time_zero_ms.0,
@@ -92,6 +99,7 @@ impl Windows {
         for (i, value) in row[1..].iter_mut().enumerate() {
             *value += self.origin_mm[i % 3];
         }
+        self.check_ends(&row)?;
         let pause_ns = self.last_ns.map_or(0, |last| at_ns - last);
         self.last_ns = Some(at_ns);
         self.ahead = Some((at_ns, row));
@@ -102,6 +110,25 @@ impl Windows {
                 self.max_gap_ns as f64 * 1e-9
             );
             return Err(self.source.error(&message));
+        }
+        Ok(())
+    }
+
+    /// Lines that are not this scanner's would be followed like any others.
+    fn check_ends(&self, row: &LineRow) -> Result<(), ModalityError> {
+        for end in [&row[1..4], &row[4..7]] {
+            let place_m = Vector3::from_column_slice(end) * 1e-3;
+            if !self.scanner.is_at_a_block(&place_m, BESIDE_A_BLOCK_M) {
+                let message = format!(
+                    "an end at ({:.1}, {:.1}, {:.1}) mm is at no block of scanner `{}` (allowed: up to {:.0} mm beside one); places must be in mm and from the scanner's centre (`origin_mm`)",
+                    end[0],
+                    end[1],
+                    end[2],
+                    self.scanner.name,
+                    1e3 * BESIDE_A_BLOCK_M
+                );
+                return Err(self.source.error(&message));
+            }
         }
         Ok(())
     }

@@ -350,11 +350,11 @@ impl Detectors {
             let sigma_m = fwhm_m / FWHM_PER_SIGMA;
             let (a, b): (f64, f64) = (random.sample(StandardNormal), random.sample(StandardNormal));
             place += Vector3::new(a * sigma_m, b * sigma_m, 0.0);
-            place.z = 0.5 * g.depth_m;
+            place.z = self.scanner.told_depth_m();
         } else if self.end_points == EndPoints::Crystal {
             place.x = g.tangential_pitch_m * (f64::from(column) - 0.5 * f64::from(g.columns - 1));
             place.y = g.axial_pitch_m * (f64::from(row) - 0.5 * f64::from(g.rows - 1));
-            place.z = 0.5 * g.depth_m;
+            place.z = self.scanner.told_depth_m();
         }
         (crystal, self.scanner.in_block(hit.block, place.x, place.y, place.z))
     }

@@ -106,6 +106,16 @@ pub enum Failure {
         /// The least and the most.
         allowed_mm: [f64; 2],
     },
+    /// Independent points are numbered where all of them are seen, and that was not yet so.
+    #[error(
+        "{found} of {points} points found; which is which is told from the first window on that shows all of them"
+    )]
+    Unnumbered {
+        /// Points found.
+        found: usize,
+        /// How many there are.
+        points: usize,
+    },
     /// Two independent points are nearer to each other than the region within which the background of each is taken as even.
     #[error("points {} and {} are {distance_mm:.1} mm apart (allowed: {allowed_mm:.0} mm or more)", pair[0] + 1, pair[1] + 1)]
     TooClose {

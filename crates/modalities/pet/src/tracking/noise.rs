@@ -14,17 +14,16 @@
 //! `σ_α² (L s (1-s))²` for a line of length L (a photon that leaves at an angle δ to the other shifts the line by `δ d_a d_b / L`).
 //!
 //! S and τ come from the scanner's file: [`BlockNoise::of_block`] sends photons from about the scanner's middle into one block of its
-//! scintillator (`simulation::block`, fixed seed), takes the error of the reported place from the first interaction (a point of the
-//! photon's way, so across the line it is the line's error), and fits both laws ([`BlockNoise::of_samples`]). No label of any
+//! scintillator ([`crate::simulation::deposits`], fixed seed), takes the error of the told place from where the photon's way is as deep
+//! as the deposit, and fits both laws ([`BlockNoise::of_samples`]). No label of any
 //! simulated or recorded line enters. [`BlockNoise::reference`] holds an independent study's numbers for 4 x 6 x 20 mm GSO crystals.
 
 use super::lanes::{Four, LANES, Three, lanes};
 use crate::coverage::Coverage;
 use crate::markers::MarkerSet;
 use crate::scanner::Scanner;
-use crate::simulation::block::{BlockPhysics, FIELD_M, kill_energy_ev, passes_window};
-use crate::simulation::source::ANNIHILATION_EV;
-use crate::simulation::{EndPoints, Photon, Scintillator, SourceMarker};
+use crate::simulation::deposits::{SampledDeposit, sampled_deposits};
+use crate::simulation::{EndPoints, Scintillator, SourceMarker};
 use lumenav_core::{RandomStream, RandomStreams};
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt as _;
@@ -71,16 +70,10 @@ impl BlockNoise {
     /// From the physics of a scanner's blocks (all alike): see the head of this file. The same file gives the same numbers.
     /// Without crystals the file's resolution is added, and the depth is not told.
     pub fn of_block(scanner: &Scanner, scintillator: &Scintillator, end_points: EndPoints) -> Self {
-        let physics = BlockPhysics::new(scanner, scintillator.clone());
-        let mut random = RandomStreams::new(0, 0, "pet-line-noise").stream("block", 0);
-        let origin = scanner.to_block(0, &Vector3::zeros());
-        let mut errors = Vec::with_capacity(SAMPLES);
-        for _ in 0..TRIES {
-            errors.extend(one_error(scanner, &physics, end_points, &origin, &mut random));
-            if errors.len() == SAMPLES {
-                break;
-            }
-        }
+        let mut random = RandomStreams::new(0, 0, "pet-line-noise").stream("told", 0);
+        let deposits = sampled_deposits(scanner, scintillator);
+        let errors: Vec<_> =
+            deposits.iter().map(|sample| error_of(scanner, end_points, sample, &mut random)).collect();
         // A block that stops next to nothing tells next to nothing: then the crystal's own size.
         Self::of_samples(&errors).unwrap_or_else(|| {
             let g = &scanner.grid;
@@ -145,47 +138,33 @@ impl BlockNoise {
     }
 }
 
-/// Error of the place that a block reports of one photon, in its frame, m; `None` where it is not detected.
-fn one_error(
+/// Error of the place that a scanner tells of a deposit, in the block's frame, m: from where the photon's way is as deep, since what lies
+/// further along the way moves no line.
+fn error_of(
     scanner: &Scanner,
-    physics: &BlockPhysics,
     end_points: EndPoints,
-    origin_block_m: &Vector3<f64>,
+    sample: &SampledDeposit,
     random: &mut RandomStream,
-) -> Option<Vector3<f64>> {
-    let g = &scanner.grid;
-    let mut spread = |half_m: f64| half_m * (2.0 * random.random::<f64>() - 1.0);
-    let from = origin_block_m + Vector3::new(spread(FIELD_M), spread(FIELD_M), spread(FIELD_M));
-    let to = Vector3::new(spread(g.half_width_m()), spread(g.half_length_m()), 0.0);
-    let direction = (to - from).try_normalize(0.0)?;
-    let mut photon = Photon::emitted(from, direction, ANNIHILATION_EV);
-    let deposit = physics.respond(&mut photon, random)?;
-    let detection = &scanner.detection;
-    if deposit.energy_ev < kill_energy_ev(detection) || !passes_window(detection, deposit.energy_ev, random) {
-        return None;
-    }
-    let mut place = deposit.place_block_m;
-    if let Some(fwhm_m) = detection.position_fwhm_m {
+) -> Vector3<f64> {
+    let (g, deposit) = (&scanner.grid, &sample.deposit);
+    let mut told = deposit.place_block_m;
+    if let Some(fwhm_m) = scanner.detection.position_fwhm_m {
         let (a, b): (f64, f64) = (random.sample(StandardNormal), random.sample(StandardNormal));
-        place += Vector3::new(a, b, 0.0) * (fwhm_m / FWHM_PER_SD);
-        place.z = 0.5 * g.depth_m;
+        told += Vector3::new(a, b, 0.0) * (fwhm_m / FWHM_PER_SD);
+        told.z = scanner.told_depth_m();
     } else if end_points == EndPoints::Crystal {
         let centre =
             |index: u32, pitch_m: f64, count: u32| pitch_m * (f64::from(index) - 0.5 * f64::from(count - 1));
         let (column, row) = deposit.crystal;
-        place = Vector3::new(
+        told = Vector3::new(
             centre(column, g.tangential_pitch_m, g.columns),
             centre(row, g.axial_pitch_m, g.rows),
-            0.5 * g.depth_m,
+            scanner.told_depth_m(),
         );
     }
-    Some(place - (from + direction * deposit.path_m))
+    told - sample.way_beside_m()
 }
 
-/// Photons that a fit looks at: variances to 3 per cent.
-const SAMPLES: usize = 6000;
-/// Photons sent at most; the thinnest shipped crystal keeps one of six.
-const TRIES: usize = 200_000;
 /// No detector tells a place to better than a tenth of a millimetre; keeps every covariance invertible.
 const SMALLEST_VARIANCE_M2: f64 = 1e-8;
 /// Steps of the fit: the shares of a sample of 20,000 stand still to three digits after 60.

@@ -12,8 +12,13 @@
 //! ([`Failure::TooClose`]). The covariance is the inverse of the observed information (Louis 1982).
 //!
 //! A point that is not known is searched for: of the places where two lines nearly meet, the one that most lines pass is climbed
-//! from; then the next point among the lines that pass the found ones by. New points are put in order of x, then y, then z, so that two
-//! trackers shown the same lines give them the same numbers.
+//! from; then the next point among the lines that pass the found ones by.
+//!
+//! **Which is which.** Points look alike; they are numbered by x, then y, then z in the first window that shows all of them, and none is
+//! answered before ([`Failure::Unnumbered`]), so that trackers shown the same lines give them the same numbers. From then on a
+//! number goes with the place: a point that was lost keeps the place where it was last, and what is found anew takes the numbers
+//! that are free so that the sum of squared ways `Σ |now - last|²` is least (Kuhn 1955; the likeliest under a random walk). Points that
+//! change places unseen are exchanged; nothing in their lines could tell.
 
 use super::densest::{Densest, PASSING_M, distance_m};
 use super::failure::Failure;
@@ -23,7 +28,10 @@ use super::window::{Preparation, Window, is_usable};
 use super::{Limits, Role};
 use crate::line::Line;
 use nalgebra::{Isometry3, Matrix3, Translation3, Vector3};
+use pathfinding::kuhn_munkres::kuhn_munkres_min;
+use pathfinding::matrix::Matrix;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 
 /// Lines that a point must explain: two per coordinate.
 const LINES_NEEDED: usize = 6;
@@ -62,10 +70,12 @@ pub struct TrackedPoint {
 /// What is kept of a point from window to window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PointMemory {
-    /// Where it was, m; `None` before it was found, and after it was lost.
+    /// Where it was last, m; `None` before all points were found.
     pub position_world_m: Option<Vector3<f64>>,
     /// Share of a window's lines that it explains.
     pub share: f64,
+    /// Whether the last window showed it.
+    pub seen: bool,
 }
 
 /// Follows a fixed number of points.
@@ -125,6 +135,7 @@ impl Points {
             self.search_missing(lines, &mut found);
         }
         self.refuse_neighbours(&mut found);
+        self.refuse_unnumbered(&mut found);
         self.learn(lines, &found);
         let roles = self.roles(lines, &found);
         (found, roles)
@@ -132,8 +143,8 @@ impl Points {
 
     /// A climb from where the point was.
     fn follow(&mut self, point: usize, lines: &[Line]) -> Result<TrackedPoint, Failure> {
-        let PointMemory { position_world_m, share } = self.memory[point];
-        let Some(start) = position_world_m else {
+        let PointMemory { position_world_m, share, seen } = self.memory[point];
+        let Some(start) = position_world_m.filter(|_| seen) else {
             return Err(Failure::Background { effective: 0.0, background: 100.0, needed: LINES_NEEDED });
         };
         let found = self.climb(lines, &start).and_then(|top| self.judged(&top, lines, false))?;
@@ -152,19 +163,47 @@ impl Points {
         let missing: Vec<usize> = (0..found.len()).filter(|k| found[*k].is_err()).collect();
         let mut known: Vec<Vector3<f64>> = found.iter().flatten().map(|p| p.position_world_m).collect();
         let mut new = Vec::new();
+        let mut why = None;
         for _ in &missing {
             let is_free = |line: &&Line| {
                 is_usable(line) && known.iter().all(|at| distance_m(line, at) > 3.0 * PASSING_M)
             };
             let free: Vec<Line> = lines.iter().filter(is_free).copied().collect();
             let Some(start) = Densest::default().find(&free) else { break };
-            let climbed = self.climb(lines, &start).and_then(|top| self.judged(&top, lines, true));
-            known.push(climbed.as_ref().map_or(start, |p| p.position_world_m));
-            new.push(climbed);
+            match self.climb(lines, &start).and_then(|top| self.judged(&top, lines, true)) {
+                Ok(point) => {
+                    known.push(point.position_world_m);
+                    new.push(point);
+                }
+                Err(failure) => {
+                    known.push(start);
+                    why.get_or_insert(failure);
+                }
+            }
         }
-        new.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
-        for (k, point) in missing.into_iter().zip(new) {
-            found[k] = point;
+        let numbers = self.numbers(&missing, &mut new);
+        if let Some(why) = why {
+            // What a search ended with says more than that the point is gone.
+            missing.iter().for_each(|k| found[*k] = Err(why.clone()));
+        }
+        for (number, point) in numbers.into_iter().zip(new) {
+            found[number] = Ok(point);
+        }
+    }
+
+    /// The numbers of new points, of the free ones: by place the first time, then with the least squared ways. Sorts the points.
+    fn numbers(&self, free: &[usize], new: &mut [TrackedPoint]) -> Vec<usize> {
+        new.sort_by(|a, b| by_place(&a.position_world_m, &b.position_world_m));
+        let last: Option<Vec<_>> = free.iter().map(|k| self.memory[*k].position_world_m).collect();
+        let (Some(last), false) = (last, new.is_empty()) else { return free.to_vec() };
+        let squared_um = |new: &TrackedPoint, last: &Vector3<f64>| {
+            (1e12 * (new.position_world_m - last).norm_squared()).min(1e15) as i64
+        };
+        let ways = new.iter().map(|point| last.iter().map(|last| squared_um(point, last)));
+        match Matrix::from_rows(ways) {
+            Ok(ways) => kuhn_munkres_min(&ways).1.into_iter().map(|column| free[column]).collect(),
+            // Rows of one length always make a matrix.
+            Err(_) => free.to_vec(),
         }
     }
 
@@ -245,7 +284,20 @@ impl Points {
         Ok(TrackedPoint { position_world_m: top.at_m, covariance_m2, lines: top.lines, searched })
     }
 
-    /// Of two that are too close, the one with fewer lines is none.
+    /// Before all points were found in one window, which is which cannot be told.
+    fn refuse_unnumbered(&self, found: &mut [Result<TrackedPoint, Failure>]) {
+        if self.memory.iter().all(|memory| memory.position_world_m.is_some()) {
+            return;
+        }
+        let (seen, all) = (found.iter().filter(|point| point.is_ok()).count(), found.len());
+        if seen < all {
+            found.iter_mut().filter(|point| point.is_ok()).for_each(|point| {
+                *point = Err(Failure::Unnumbered { found: seen, points: all });
+            });
+        }
+    }
+
+    /// Of two that are too close, the one that came further is none, and of new ones the one with fewer lines.
     fn refuse_neighbours(&self, found: &mut [Result<TrackedPoint, Failure>]) {
         let allowed_m = 2.0 * self.noise.background_radius_m;
         for i in 0..found.len() {
@@ -253,7 +305,12 @@ impl Points {
                 let (Ok(a), Ok(b)) = (&found[i], &found[j]) else { continue };
                 let apart_m = (a.position_world_m - b.position_world_m).norm();
                 if apart_m < allowed_m {
-                    let weaker = if a.lines < b.lines { i } else { j };
+                    let weaker = match (self.way_m(i, a), self.way_m(j, b)) {
+                        (Some(way_i_m), Some(way_j_m)) if way_i_m > way_j_m => i,
+                        (Some(_), Some(_)) => j,
+                        _ if a.lines < b.lines => i,
+                        _ => j,
+                    };
                     found[weaker] = Err(Failure::TooClose {
                         pair: [i, j],
                         distance_mm: 1e3 * apart_m,
@@ -264,16 +321,22 @@ impl Points {
         }
     }
 
+    /// How far a point is from where it was last, m.
+    fn way_m(&self, number: usize, point: &TrackedPoint) -> Option<f64> {
+        Some((point.position_world_m - self.memory[number].position_world_m?).norm())
+    }
+
     fn learn(&mut self, lines: &[Line], found: &[Result<TrackedPoint, Failure>]) {
         for (memory, found) in self.memory.iter_mut().zip(found) {
             let Ok(point) = found else {
-                *memory = PointMemory::default();
+                memory.seen = false;
                 continue;
             };
             let share = point.lines / lines.len().max(1) as f64;
-            let known = memory.position_world_m.is_some() && !point.searched;
+            let known = memory.seen && !point.searched;
             memory.share = if known { memory.share + FORGETTING * (share - memory.share) } else { share };
             memory.position_world_m = Some(point.position_world_m);
+            memory.seen = true;
         }
     }
 
@@ -319,7 +382,7 @@ fn damped(
     None
 }
 
-/// Order of new points; one that is none comes last.
-fn order(point: &Result<TrackedPoint, Failure>) -> [f64; 3] {
-    point.as_ref().map_or([f64::INFINITY; 3], |p| p.position_world_m.into())
+/// By x, then y, then z.
+fn by_place(a: &Vector3<f64>, b: &Vector3<f64>) -> Ordering {
+    a.iter().zip(b.iter()).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
 }

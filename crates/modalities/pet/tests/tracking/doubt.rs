@@ -52,21 +52,29 @@ fn answers(seed: u64, lines: [usize; 3]) -> Vec<Answer> {
 }
 
 /// Enough lines: every window before the first test is answered at the wrong place, and every one from then on at the right one or, where
-/// the attitude is ambiguous, not at all.
+/// the attitude is ambiguous, not at all; without a doubt of the place, by what 36 lines of one window tell, in one window of a hundred at
+/// most.
 #[test]
 fn law_a_place_that_is_clearly_beaten_is_left_at_the_first_test() {
+    let (mut uncertain, mut windows) = (0, 0);
     for seed in 201..=224 {
         let all = answers(seed, [36, 14, 6]);
+        windows += all.len();
         for (w, answer) in all.iter().enumerate() {
             match answer {
                 Answer::Led => assert!(w < FIRST_TEST, "seed {seed}, window {w}"),
                 Answer::Found => assert!(w >= FIRST_TEST, "seed {seed}, window {w}"),
                 Answer::Failed(Failure::Doubted { .. }) => {}
+                Answer::Failed(Failure::Uncertain { .. } | Failure::Ambiguous { .. }) if w >= FIRST_TEST => {
+                    uncertain += 1;
+                }
                 Answer::Failed(other) => panic!("seed {seed}, window {w}: {other}"),
             }
         }
         assert!(all.iter().any(|answer| matches!(answer, Answer::Found)), "seed {seed}: never found");
     }
+    println!("{uncertain} of {windows} windows too uncertain");
+    assert!(100 * uncertain <= windows, "{uncertain} of {windows}");
 }
 
 /// So few lines that a search over several windows still leaves two attitudes open, and that some windows are not enough for a pose: what a

@@ -7,6 +7,7 @@ mod doubt;
 mod edge;
 mod few_lines;
 mod misuse;
+mod parallax;
 mod points;
 mod shapes;
 mod starts;

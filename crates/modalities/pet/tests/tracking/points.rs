@@ -2,7 +2,7 @@
 
 use super::support::{Ends, Generator, noise_of_law, scanner, scintillator, set};
 use lumenav_pet::simulation::EndPoints;
-use lumenav_pet::tracking::{BlockNoise, Failure, Points, Role};
+use lumenav_pet::tracking::{BlockNoise, Failure, Points, Role, TrackedPoint};
 use lumenav_pet::{Line, Scanner};
 use nalgebra::{Isometry3, Vector3};
 
@@ -134,4 +134,45 @@ fn law_memory_goes_on_where_it_was() {
     second.recall(first.memory());
     let (lines, _) = generator.window(&still, 0.05, 120, 60);
     assert_eq!(first.track(&lines).0, second.track(&lines).0);
+}
+
+#[test]
+fn law_points_that_were_lost_keep_their_numbers_wherever_they_come_back() {
+    let bench = bench();
+    let mut generator = bench.generator(&PLACES_MM, 31);
+    let mut alone = [bench.generator(&PLACES_MM[..1], 32), bench.generator(&PLACES_MM[1..], 33)];
+    let mut background = bench.generator(&PLACES_MM[..1], 34);
+    let mut points = bench.points(2);
+    let mut w = 0;
+    let mut next = |generator: &mut Generator, x_m: f64, marked: usize| {
+        w += 1;
+        let motion = |_: f64| Isometry3::translation(x_m, 0.0, 0.0);
+        points.track(&generator.window(&motion, 0.05 * f64::from(w), marked, 60).0).0
+    };
+    let is_at = |found: &Result<TrackedPoint, Failure>, place: [f64; 3], x_m: f64| {
+        let place = Vector3::from(place) * 1e-3 + Vector3::x() * x_m;
+        found.as_ref().is_ok_and(|point| (point.position_world_m - place).norm() < 8e-3)
+    };
+    // One alone, before both were seen: it could be either.
+    let first = next(&mut alone[1], 0.0, 100);
+    assert_eq!(first[0], Err(Failure::Unnumbered { found: 1, points: 2 }));
+    assert!(first[1].is_err());
+    let both = next(&mut generator, 0.0, 160);
+    assert!(is_at(&both[0], PLACES_MM[0], 0.0) && is_at(&both[1], PLACES_MM[1], 0.0), "{both:?}");
+    for which in [1, 0] {
+        // Both lost; then one is seen, later the other as well, 40 mm further on.
+        assert!(next(&mut background, 0.0, 0).iter().all(Result::is_err));
+        let seen = next(&mut alone[which], 0.0, 100);
+        assert!(is_at(&seen[which], PLACES_MM[which], 0.0) && seen[1 - which].is_err(), "{seen:?}");
+        assert!(next(&mut background, 0.0, 0).iter().all(Result::is_err));
+        let further = next(&mut generator, 0.04, 160);
+        assert!(
+            is_at(&further[0], PLACES_MM[0], 0.04) && is_at(&further[1], PLACES_MM[1], 0.04),
+            "{further:?}"
+        );
+        // Back to where they were, while nothing was seen.
+        assert!(next(&mut background, 0.0, 0).iter().all(Result::is_err));
+        let back = next(&mut generator, 0.0, 160);
+        assert!(is_at(&back[0], PLACES_MM[0], 0.0) && is_at(&back[1], PLACES_MM[1], 0.0), "{back:?}");
+    }
 }

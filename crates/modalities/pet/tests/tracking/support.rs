@@ -22,7 +22,8 @@ pub fn model(folder: &str, name: &str) -> Node {
 }
 
 pub fn scanner(name: &str) -> Scanner {
-    Scanner::from_node(&model("scanners", name)).expect("a shipped scanner")
+    let scanner = Scanner::from_node(&model("scanners", name)).expect("a shipped scanner");
+    scanner.clone().with_interaction_depth(&scintillator(&scanner))
 }
 
 pub fn scintillator(scanner: &Scanner) -> Scintillator {
@@ -198,7 +199,7 @@ impl Generator {
         match &self.ends {
             Ends::Law(law) => {
                 let v = if self.random.random::<f64>() < law.tail_share { law.tail_m2 } else { law.core_m2 };
-                let depth = 0.5 * self.scanner.grid.depth_m;
+                let depth = self.scanner.told_depth_m();
                 let outward = self.scanner.blocks[block].outward;
                 let middle = on_face + direction * (depth / direction.dot(&outward));
                 let mut error = Vector3::zeros();
