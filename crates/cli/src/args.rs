@@ -16,6 +16,7 @@ use std::path::PathBuf;
   1    something failed
   2    the command line is not right
   3    something is wrong in a scenario, model or data file; file, line and key are named
+  4    done, and something is not as the scenario expects ([expect])
   130  stopped with Ctrl-C; what is finished is kept
 
 Examples:

@@ -19,6 +19,18 @@ impl fmt::Display for WrongFiles {
 
 impl std::error::Error for WrongFiles {}
 
+/// A run came to its end, and not everything that its file expects is so.
+#[derive(Debug)]
+pub struct Unexpected(pub String);
+
+impl fmt::Display for Unexpected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Unexpected {}
+
 /// Whether a run ended because somebody asked it to.
 pub fn was_stopped(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
@@ -31,7 +43,7 @@ pub fn was_stopped(error: &anyhow::Error) -> bool {
     })
 }
 
-/// 3 for something wrong in a user's file, 130 for a run stopped on request, else 1. (2 is clap's, for the command line.)
+/// 3 for something wrong in a user's file, 4 for a run that is not as its file expects, 130 for a run stopped on request, else 1. (2 is clap's, for the command line.)
 pub fn code_of(error: &anyhow::Error) -> ExitCode {
     let of_scenario =
         |error: &ScenarioError| matches!(error, ScenarioError::Config(_) | ScenarioError::Records(_));
@@ -53,6 +65,7 @@ pub fn code_of(error: &anyhow::Error) -> ExitCode {
     ExitCode::from(match (was_stopped(error), is_input) {
         (true, _) => 130,
         (false, true) => 3,
+        (false, false) if error.is::<Unexpected>() => 4,
         (false, false) => 1,
     })
 }

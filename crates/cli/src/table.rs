@@ -3,7 +3,10 @@
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
 use lumenav::evaluation::plausibility::SpeedFigures;
-use lumenav::report::{Metrics, MotionFigures, PairDistance, PeriodFigures, Timing, TrackMetrics, Trials};
+use lumenav::report::{
+    ExpectVerdict, Metrics, MotionFigures, PairDistance, PeriodFigures, Timing, TrackMetrics, TrackRest,
+    Trials,
+};
 use lumenav::reproduce;
 use std::collections::BTreeMap;
 
@@ -211,7 +214,38 @@ fn expectations(metrics: &Metrics) -> Vec<String> {
             },
         )
     };
-    expected.speed.iter().map(speed).chain(expected.distance.iter().map(distance)).collect()
+    let rest = |rest: &TrackRest| {
+        rest.figures.map_or_else(
+            || format!("rest of {}: no estimate", rest.track),
+            |r| {
+                let [x, y, z] = r.median_mm;
+                let [sx, sy, sz] = r.robust_sd_mm;
+                format!(
+                    "rest of {}: at {x:.2}, {y:.2}, {z:.2} mm (robust sd {sx:.2}, {sy:.2}, {sz:.2}; {} of {} instants outliers, farthest {:.2} mm)",
+                    rest.track, r.outliers, r.instants, r.farthest_mm
+                )
+            },
+        )
+    };
+    let mut lines: Vec<String> = expected.speed.iter().map(speed).collect();
+    lines.extend(expected.distance.iter().map(distance));
+    lines.extend(expected.rest.iter().map(rest));
+    lines.extend(expected.verdicts.iter().map(verdict));
+    lines
+}
+
+/// What was asked and what came, in words.
+pub fn verdict(verdict: &ExpectVerdict) -> String {
+    let number = |v: f64| format!("{v:.4}").trim_end_matches('0').trim_end_matches('.').to_owned();
+    let allowed = match verdict.allowed.map(|end| end.map(number)) {
+        [Some(least), Some(most)] => format!("{least} to {most}"),
+        [Some(least), None] => format!("{least} or more"),
+        [None, Some(most)] => format!("{most} or less"),
+        [None, None] => "any".to_owned(),
+    };
+    let figure = verdict.figure.map_or_else(|| "nothing to tell it from".to_owned(), number);
+    let met = if verdict.met { "as expected" } else { "NOT AS EXPECTED" };
+    format!("{met}: {}: {figure} (expected: {allowed})", verdict.quantity)
 }
 
 /// Refusals in words; `None` where there were none.

@@ -1,13 +1,14 @@
-//! Checks of a track that need no truth: does it move as matter can, and do two tracks keep their distance?
+//! Checks of a track that need no truth: does it move as matter can, does what rests stay, and do two tracks keep their distance?
 //!
-//! Recorded data seldom have a reference. Two things are known all the same: how fast a body can move, and, where two sources are
-//! fixed to one body, that their distance does not change.
+//! Recorded data seldom have a reference. Three things are known all the same: how fast a body can move, that what rests is at one place, and,
+//! where two sources are fixed to one body, that their distance does not change.
 //!
 //! ```text
 //! speed        v_k = |p_k - p_(k-1)| / (t_k - t_(k-1))                      between estimates that follow each other
 //! distance     d_k = |a_k - b_k|                                            at instants for which both tracks have an estimate
+//! rest         p_k - median p, axis by axis
 //! robust sd    1.4826 · median |d_k - median d|                             the standard deviation of a normal law
-//! outliers     |d_k - median d| > 5 · robust sd
+//! outliers     |d_k - median d| > 5 · robust sd; of a place, along any axis
 //! ```
 
 use crate::summary::{Quantiles, ScalarSummary};
@@ -149,6 +150,57 @@ impl DistanceCheck {
     }
 }
 
+/// Where a track that should rest was.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RestFigures {
+    /// Estimates.
+    pub instants: usize,
+    /// Median of each coordinate, world, mm.
+    pub median_mm: [f64; 3],
+    /// Robust standard deviation along each axis, mm.
+    pub robust_sd_mm: [f64; 3],
+    /// Estimates that are outliers along an axis.
+    pub outliers: usize,
+    /// Farthest estimate from the median, mm.
+    pub farthest_mm: f64,
+}
+
+/// Collects the places of a track that should rest: 24 bytes per instant.
+#[derive(Debug, Clone, Default)]
+pub struct RestCheck {
+    places_m: [Vec<f64>; 3],
+}
+
+impl RestCheck {
+    /// An estimate, m.
+    pub fn push(&mut self, position_m: &Vector3<f64>) {
+        if position_m.iter().all(|v| v.is_finite()) {
+            self.places_m.iter_mut().zip(position_m.iter()).for_each(|(axis, v)| axis.push(*v));
+        }
+    }
+
+    /// The figures; `None` before the first estimate.
+    pub fn figures(&self) -> Option<RestFigures> {
+        let mut medians_m = [0.0; 3];
+        let mut sds_m = [0.0; 3];
+        for (axis, places_m) in self.places_m.iter().enumerate() {
+            medians_m[axis] = median(places_m)?;
+            let deviations: Vec<f64> = places_m.iter().map(|p| (p - medians_m[axis]).abs()).collect();
+            sds_m[axis] = SD_PER_MAD * median(&deviations)?;
+        }
+        let instants = self.places_m[0].len();
+        let offset = |k: usize| Vector3::from_fn(|axis, _| self.places_m[axis][k] - medians_m[axis]);
+        let is_outlier = |k: &usize| offset(*k).iter().zip(sds_m).any(|(d, sd)| d.abs() > OUTLIER_SD * sd);
+        Some(RestFigures {
+            instants,
+            median_mm: medians_m.map(|m| 1e3 * m),
+            robust_sd_mm: sds_m.map(|m| 1e3 * m),
+            outliers: (0..instants).filter(is_outlier).count(),
+            farthest_mm: 1e3 * (0..instants).map(|k| offset(k).norm()).fold(0.0, f64::max),
+        })
+    }
+}
+
 fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -191,5 +243,22 @@ mod tests {
         assert_eq!((figures.instants, figures.outliers), (8, 1));
         assert!((figures.mean_mm - 200.5).abs() < 1e-9);
         assert!((figures.mean_without_outliers_mm - 172.0).abs() < 1e-9);
+    }
+    #[test]
+    fn closed_form_what_rests_and_one_estimate_elsewhere() {
+        let mut check = RestCheck::default();
+        assert_eq!(check.figures(), None);
+        for (x_mm, z_mm) in [(-2.0, 5.0), (-1.0, 5.5), (0.0, 6.0), (1.0, 6.5), (170.0, 7.0)] {
+            check.push(&(Vector3::new(x_mm, 1.0, z_mm) * 1e-3));
+        }
+        check.push(&Vector3::repeat(f64::NAN));
+        let figures = check.figures().unwrap();
+        // Deviations from (0, 1, 6): 0, 1, 1, 2, 170 along x; 0, 0.5, 0.5, 1, 1 along z.
+        for (ours, wanted) in figures.robust_sd_mm.iter().zip([1.4826, 0.0, 0.7413]) {
+            assert!((ours - wanted).abs() < 1e-9, "{figures:?}");
+        }
+        assert_eq!((figures.instants, figures.outliers), (5, 1));
+        assert!((figures.farthest_mm - 170.0_f64.hypot(1.0)).abs() < 1e-9);
+        assert!(figures.median_mm.iter().zip([0.0, 1.0, 6.0]).all(|(a, b)| (a - b).abs() < 1e-12));
     }
 }

@@ -17,6 +17,7 @@
 //! run, 8 bytes per judged update of a track for the quantiles of its position error excepted.
 
 mod error;
+mod expected;
 mod file;
 mod folder;
 mod log;
@@ -35,6 +36,7 @@ mod tum;
 mod writer;
 
 pub use error::ReportError;
+pub use expected::{ExpectVerdict, Expectations, PairDistance, TrackRest};
 pub use folder::{RunFolder, check_replaceable};
 pub use log::{
     EventsObserver, Logged, LoggedEvent, WorstChannel, for_each_event, read_events, refusal_reason,
@@ -42,8 +44,8 @@ pub use log::{
 pub use manifest::{FileEntry, Machine, Manifest, Provenance, fingerprint, read_json, write_manifest};
 pub use mcap::write_mcap;
 pub use metrics::{
-    AxisError, DRIFT_SPAN_M, Expectations, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures,
-    PairDistance, PerAxis, PeriodFigures, RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
+    AxisError, DRIFT_SPAN_M, FRESH_S, Metrics, MetricsObserver, NeesFigures, NisFigures, PerAxis,
+    PeriodFigures, RELATIVE_SPAN_S, SensorMetrics, TrackMetrics,
 };
 pub use motion::{MotionFigures, SPEED_CLASSES_MM_S, SegmentErrors, SegmentMotion};
 pub use readings::ReadingsObserver;

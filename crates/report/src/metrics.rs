@@ -13,6 +13,7 @@
 //! displacements over the truth's path, from pairs [`DRIFT_SPAN_M`] apart.
 
 use crate::error::ReportError;
+use crate::expected::{Expectations, Plausibility};
 use crate::file::write_json;
 use crate::log::refusal_reason;
 use crate::motion::{ErrorsBySegment, Motion, MotionFigures, SegmentErrors};
@@ -22,9 +23,8 @@ use lumenav_evaluation::bounded::BoundedQuantiles;
 use lumenav_evaluation::consistency::one_run::{NeesAccumulator, NeesSummary, NisAccumulator};
 use lumenav_evaluation::consistency::verdict::Verdict;
 use lumenav_evaluation::displacement::{DisplacementErrors, Span};
-use lumenav_evaluation::plausibility::{DistanceCheck, DistanceFigures, SpeedCheck, SpeedFigures};
 use lumenav_evaluation::summary::{Quantiles, ScalarSummary};
-use lumenav_pipeline::events::{DistanceTable, PeriodTable};
+use lumenav_pipeline::events::PeriodTable;
 use lumenav_pipeline::{ObserverError, Refusal, RunEvent, RunHeader, RunObserver, TrackUpdate};
 use nalgebra::{Isometry3, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -102,24 +102,6 @@ impl Watched {
         self.moving = moving;
         self.figures.decisions += 1;
     }
-}
-
-/// Checks that need no truth.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Expectations {
-    /// Speed of each track between estimates that a measurement has entered, where a limit is set.
-    pub speed: BTreeMap<String, SpeedFigures>,
-    /// Distance of the pairs of tracks that are named.
-    pub distance: Vec<PairDistance>,
-}
-
-/// How far two tracks are apart.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PairDistance {
-    /// The tracks.
-    pub tracks: [String; 2],
-    /// `null` where no instant has an estimate of both.
-    pub figures: Option<DistanceFigures>,
 }
 
 /// What one sensor delivered.
@@ -471,86 +453,6 @@ impl Collector {
     }
 }
 
-/// Instants of a pair that wait for the other track: more than any latency makes.
-const MOST_WAITING: usize = 1000;
-
-/// A pair of tracks: where each was at instants that the other has not told yet; each instant counts once.
-struct Pair {
-    tracks: [String; 2],
-    waiting: BTreeMap<SimTime, [Option<Vector3<f64>>; 2]>,
-    last_paired: Option<SimTime>,
-    check: DistanceCheck,
-}
-
-impl Pair {
-    fn take(&mut self, which: usize, at: SimTime, position_m: Vector3<f64>) {
-        if self.last_paired.is_some_and(|last| at <= last) {
-            return;
-        }
-        let places = self.waiting.entry(at).or_default();
-        places[which] = Some(position_m);
-        if let [Some(a), Some(b)] = places {
-            self.check.push(a, b);
-            self.last_paired = Some(at);
-            self.waiting = self.waiting.split_off(&at);
-            self.waiting.remove(&at);
-        }
-        if self.waiting.len() > MOST_WAITING {
-            self.waiting.pop_first();
-        }
-    }
-}
-
-/// Collects what needs no truth.
-#[derive(Default)]
-struct Plausibility {
-    speeds: BTreeMap<Name, SpeedCheck>,
-    pairs: Vec<Pair>,
-}
-
-impl Plausibility {
-    fn new(header: &RunHeader) -> Self {
-        let limit = header.expect.max_speed_m_s;
-        let speeds =
-            limit.map(|limit| header.tracks.iter().map(move |t| (t.name.clone(), SpeedCheck::new(limit.0))));
-        let pair = |pair: &DistanceTable| Pair {
-            tracks: pair.tracks.clone(),
-            waiting: BTreeMap::new(),
-            last_paired: None,
-            check: DistanceCheck::default(),
-        };
-        Self {
-            speeds: speeds.into_iter().flatten().collect(),
-            pairs: header.expect.distance.iter().map(pair).collect(),
-        }
-    }
-
-    fn update(&mut self, update: &TrackUpdate<'_>) {
-        if !update.accepted {
-            return;
-        }
-        let (at, position) = (update.estimate.at, update.estimate.pose.world_from_capsule.translation.vector);
-        if let Some(speed) = self.speeds.get_mut(update.track) {
-            speed.push(at.seconds(), position);
-        }
-        for pair in &mut self.pairs {
-            let Some(k) = pair.tracks.iter().position(|name| name.as_str() == &**update.track) else {
-                continue;
-            };
-            pair.take(k, at, position);
-        }
-    }
-
-    fn expectations(&mut self) -> Expectations {
-        let speed = |(name, check): (&Name, &mut SpeedCheck)| Some((name.to_string(), check.figures()?));
-        let pair = |pair: &Pair| PairDistance { tracks: pair.tracks.clone(), figures: pair.check.figures() };
-        Expectations {
-            speed: self.speeds.iter_mut().filter_map(speed).collect(),
-            distance: self.pairs.iter().map(pair).collect(),
-        }
-    }
-}
-
 /// Collects the metrics of a run; writes `metrics.json` where it was given a folder.
 #[derive(Default)]
 pub struct MetricsObserver {
@@ -648,7 +550,7 @@ impl MetricsObserver {
                 .map(|(name, seen)| (name.to_string(), seen.figures))
                 .collect(),
             motion: self.motion.figures(),
-            expected: self.plausibility.expectations(),
+            expected: self.plausibility.expectations(&header.expect),
         };
         if let Some(path) = &self.path {
             write_json(path, &metrics)?;

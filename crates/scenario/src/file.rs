@@ -53,9 +53,11 @@ pub(crate) const TRACT_SOURCES: [(&str, &str); 6] = [
     ("tether.density_kg_m3", "believed: of polymers"),
     ("tether.held", "chosen: somebody holds it"),
 ];
-pub(crate) const EXPECT_SOURCES: [(&str, &str); 2] = [
+pub(crate) const EXPECT_SOURCES: [(&str, &str); 4] = [
     ("max_speed_m_s", "chosen: nothing is expected that the file does not say"),
+    ("speed_share", "chosen: what cannot move faster never does"),
     ("distance", "chosen: nothing is expected that the file does not say"),
+    ("rest", "chosen: nothing is expected that the file does not say"),
 ];
 pub(crate) const CONTROLLER_SOURCES: [(&str, &str); 1] =
     [("rate_hz", "chosen: a capsule at 22 mm/s moves 2.2 mm between two decisions")];
@@ -337,8 +339,12 @@ impl Default for RecordTable {
 pub struct ExpectTable {
     /// No track moves faster between estimates, m/s; absent: not checked.
     pub max_speed_m_s: Option<Positive>,
+    /// Least share of the steps that must be as slow as that. Default 1: all.
+    pub speed_share: Option<Fraction>,
     /// Pairs of tracks whose distance is reported.
     pub distance: Vec<DistanceTable>,
+    /// Tracks of what rests.
+    pub rest: Vec<RestTable>,
 }
 
 /// `[[expect.distance]]`.
@@ -347,6 +353,24 @@ pub struct ExpectTable {
 pub struct DistanceTable {
     /// Two tracks.
     pub tracks: [String; 2],
+    /// From where to where their mean distance without outliers must lie, mm; absent: anywhere.
+    pub mm: Option<[NonNegative; 2]>,
+    /// Largest robust standard deviation of the distance, mm; absent: any.
+    pub max_robust_sd_mm: Option<Positive>,
+    /// Largest share of outliers, 0 to 1; absent: any.
+    pub max_outlier_share: Option<Fraction>,
+}
+
+/// `[[expect.rest]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RestTable {
+    /// The track.
+    pub track: String,
+    /// Largest robust standard deviation along any axis, mm; absent: any.
+    pub max_robust_sd_mm: Option<Positive>,
+    /// Largest share of outliers, 0 to 1; absent: any.
+    pub max_outlier_share: Option<Fraction>,
 }
 
 /// `[[period]]`: a stretch of the run whose errors are reported by themselves as well.
@@ -519,11 +543,31 @@ fn read_periods(node: &Node, duration_s: Option<Positive>) -> Result<Vec<PeriodT
 fn read_expectations(node: &Node, tracks: &[TrackEntry]) -> Result<ExpectTable, ConfigError> {
     let table = node.child_or_empty("expect");
     let expect: ExpectTable = table.parse_sourced(&EXPECT_SOURCES)?;
+    let known: Vec<&str> = tracks.iter().map(|t| &*t.name).collect();
+    let check_track = |name: &String, key: &str, entry: &Node| {
+        if known.contains(&name.as_str()) {
+            return Ok(());
+        }
+        let message = format!("no track `{name}`; there are: {}", known.join(", "));
+        Err(entry.error_at(key, &message))
+    };
+    if expect.speed_share.is_some() && expect.max_speed_m_s.is_none() {
+        return Err(
+            table.error_at("speed_share", "a share of the steps within which speed? Give `max_speed_m_s`")
+        );
+    }
+    for (rest, entry) in expect.rest.iter().zip(table.children("rest")?) {
+        check_track(&rest.track, "track", &entry)?;
+    }
     for (pair, entry) in expect.distance.iter().zip(table.children("distance")?) {
-        let known: Vec<&str> = tracks.iter().map(|t| &*t.name).collect();
-        if let Some(unknown) = pair.tracks.iter().find(|name| !known.contains(&name.as_str())) {
-            let message = format!("no track `{unknown}`; there are: {}", known.join(", "));
-            return Err(entry.error_at("tracks", &message));
+        for name in &pair.tracks {
+            check_track(name, "tracks", &entry)?;
+        }
+        if let Some([low, high]) = pair.mm
+            && low.0 > high.0
+        {
+            let message = format!("from {} to {} mm; the first must not be the larger", low.0, high.0);
+            return Err(entry.error_at("mm", &message));
         }
         if pair.tracks[0] == pair.tracks[1] {
             return Err(entry.error_at("tracks", "the distance of a track from itself; name two tracks"));

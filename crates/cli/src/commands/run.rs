@@ -1,6 +1,7 @@
 //! `lumenav run`: one run, or many trials of it (see `trials`).
 
 use crate::args::{Record, RunOptions, Verbosity};
+use crate::exit::Unexpected;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::table;
@@ -184,11 +185,15 @@ pub fn print_result(
     verbosity: Verbosity,
 ) -> anyhow::Result<()> {
     if json {
-        return crate::output::json(metrics);
+        crate::output::json(metrics)?;
+    } else if verbosity != Verbosity::Quiet {
+        print_table(folder, metrics)?;
     }
-    if verbosity == Verbosity::Quiet {
-        return Ok(());
-    }
+    let unmet: Vec<String> = metrics.expected.unmet().map(table::verdict).collect();
+    if unmet.is_empty() { Ok(()) } else { Err(Unexpected(unmet.join("; ")).into()) }
+}
+
+fn print_table(folder: &Path, metrics: &Metrics) -> anyhow::Result<()> {
     let timing: Option<Timing> = read_json(&folder.join("timing.json")).ok();
     say!("{}", table::of_run(metrics, timing.as_ref()))?;
     say!("{}:", folder.display())?;

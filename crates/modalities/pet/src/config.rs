@@ -75,6 +75,30 @@ pub enum Output {
     Points,
 }
 
+impl Output {
+    /// As files name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mixture => "mixture",
+            Self::Rigid => "rigid",
+            Self::Fcm => "fcm",
+            Self::Lines => "lines",
+            Self::Points => "points",
+        }
+    }
+}
+
+/// Which front ends look at a key; the others would pass it over in silence.
+const READ_BY: [(&str, &[Output]); 7] = [
+    ("predict_failures", &[Output::Mixture, Output::Lines, Output::Rigid, Output::Fcm]),
+    ("estimate_markers", &[Output::Mixture]),
+    ("most_lines", &[Output::Mixture, Output::Lines, Output::Rigid, Output::Fcm]),
+    ("start_windows", &[Output::Mixture, Output::Lines]),
+    ("start_rate_sigma_rad_s", &[Output::Mixture, Output::Lines]),
+    ("points", &[Output::Points]),
+    ("point", &[Output::Points]),
+];
+
 /// `[track.sensor.<name>]` for a PET sensor.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -109,9 +133,16 @@ impl OptionsTable {
     /// [`ModalityError::Config`] with file, line and key.
     pub fn from_node(node: &Node) -> Result<Self, ModalityError> {
         let table: Self = node.parse_sourced(&OPTIONS_SOURCES)?;
-        if table.estimate_markers && table.front_end != Output::Mixture {
-            let message = "only `front_end = \"mixture\"` estimates where the markers are";
-            return Err(node.error_at("estimate_markers", message).into());
+        for (key, front_ends) in READ_BY {
+            if node.keys().iter().any(|given| given == key) && !front_ends.contains(&table.front_end) {
+                let names: Vec<&str> = front_ends.iter().map(|front_end| front_end.name()).collect();
+                let message = format!(
+                    "front end `{}` does not look at this; allowed with: {}",
+                    table.front_end.name(),
+                    names.join(", ")
+                );
+                return Err(node.error_at(key, &message).into());
+            }
         }
         if !(1..=MOST_START_WINDOWS as u32).contains(&table.start_windows) {
             let message = format!("{} windows; allowed: 1 to {MOST_START_WINDOWS}", table.start_windows);

@@ -38,6 +38,23 @@ pub struct ShellTable {
     pub density_g_cm3: Positive,
 }
 
+/// `[capsule]` of the model, as far as markers must fit in.
+#[derive(Clone, Copy, Debug, Deserialize)]
+struct BodyTable {
+    diameter_mm: Positive,
+    length_mm: Positive,
+}
+
+impl BodyTable {
+    /// How far a place lies outside the capsule, along whose frame's x a cylinder with two half spheres lies, mm; negative inside.
+    fn outside_mm(&self, place_mm: &Vector3<f64>) -> f64 {
+        let (radius_mm, length_mm) = (0.5 * self.diameter_mm.0, self.length_mm.0);
+        let half_axis_mm = (0.5 * length_mm - radius_mm).max(0.0);
+        let beyond_mm = (place_mm.x.abs() - half_axis_mm).max(0.0);
+        Vector3::new(beyond_mm, place_mm.y, place_mm.z).norm() - radius_mm
+    }
+}
+
 /// One marker as installed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marker {
@@ -57,6 +74,10 @@ pub struct Marker {
 pub const SAME_PLACE_M: f64 = 5e-4;
 /// Markers whose smallest spread across a line (root of the second eigenvalue of their scatter) is below this lie on a line.
 pub const COLLINEAR_M: f64 = 5e-4;
+/// Density of osmium, the densest of all elements, g/cm³.
+const DENSEST_G_CM3: f64 = 22.59;
+/// Rounding of a marker that touches the surface, mm.
+const TOUCHES_MM: f64 = 1e-6;
 /// More markers than this are a typing error.
 const MAX_MARKERS: usize = 32;
 
@@ -68,7 +89,8 @@ pub struct MarkerSet {
 }
 
 impl MarkerSet {
-    /// Reads `[[marker]]` of a capsule's model file: at least `least` of them, no two at one place, three or more not on a line.
+    /// Reads `[[marker]]` of a capsule's model file: at least `least` of them, each within the capsule, no two at one place, three or more
+    /// not on a line.
     ///
     /// # Errors
     /// [`ConfigError`] with file, line and key; a capsule without markers says so.
@@ -78,9 +100,12 @@ impl MarkerSet {
             let message = format!("sensor `{sensor}` tracks PET markers, but this capsule has no [[marker]]");
             return Err(capsule.error(&message));
         }
+        let body: Option<BodyTable> =
+            capsule.child("capsule").map(|body| body.parse_quietly()).transpose()?;
         let mut markers: Vec<Marker> = Vec::new();
         for node in &nodes {
             let table: MarkerTable = node.parse()?;
+            check_fit(&table, body.as_ref(), node)?;
             let position = Vector3::from(table.position_mm.map(|v| v.0)) * 1e-3;
             if let Some(same) =
                 markers.iter().position(|m| (m.position_capsule_m - position).norm() < SAME_PLACE_M)
@@ -212,6 +237,30 @@ fn permutations(n: usize) -> Vec<Vec<usize>> {
     all
 }
 
+/// Refuses a marker that no capsule could hold.
+fn check_fit(marker: &MarkerTable, body: Option<&BodyTable>, node: &Node) -> Result<(), ConfigError> {
+    let mut radius_mm = 0.5 * marker.core_diameter_mm.0;
+    if let Some(shell) = &marker.shell {
+        radius_mm += shell.thickness_mm.0;
+        let density = shell.density_g_cm3.0;
+        if density > DENSEST_G_CM3 {
+            let message = format!("{density} g/cm³; allowed: up to {DENSEST_G_CM3} (osmium)");
+            return Err(node.error_at("shell", &message));
+        }
+    }
+    let Some(body) = body else { return Ok(()) };
+    let place_mm = Vector3::from(marker.position_mm.map(|v| v.0));
+    let outside_mm = body.outside_mm(&place_mm) + radius_mm;
+    if outside_mm > TOUCHES_MM {
+        let message = format!(
+            "this marker of {radius_mm} mm radius stands {outside_mm:.2} mm out of the capsule; allowed: within its {} x {} mm",
+            body.diameter_mm.0, body.length_mm.0
+        );
+        return Err(node.error_at("position_mm", &message));
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -247,5 +296,49 @@ mod tests {
     fn closed_form_collinear_markers_are_found() {
         assert!(set(&[[0.0; 3], [5.0, 5.0, 0.0], [10.0, 10.0, 0.0]]).are_collinear());
         assert!(!set(&[[0.0; 3], [5.0, 5.0, 0.0], [10.0, 0.0, 0.0]]).are_collinear());
+    }
+    #[test]
+    fn law_a_marker_that_no_capsule_holds_is_refused() {
+        let capsule = |x: f64, y: f64, core: f64, shell: &str| {
+            let text = format!(
+                "[capsule]\ndiameter_mm = 12.0\nlength_mm = 26.0\n[[marker]]\nposition_mm = [{x}, {y}, 0.0]\nactivity_mbq = 1.0\n\
+                 isotope = \"na-22\"\ncore_diameter_mm = {core}\n{shell}source = \"test\"\n"
+            );
+            let node = Node::parse_text(&text, "c.toml", std::path::Path::new(""), &[]).unwrap();
+            MarkerSet::from_capsule(&node, "pet", 1).map_err(|error| error.to_string())
+        };
+        let shell = |thickness: f64, density: f64| {
+            format!("shell = {{ thickness_mm = {thickness}, density_g_cm3 = {density} }}\n")
+        };
+        for (x, y, core, shell) in [
+            (0.0, 5.75, 0.5, String::new()),
+            (-12.75, 0.0, 0.5, String::new()),
+            (7.0, 5.0, 0.5, shell(0.75, 19.3)),
+        ] {
+            capsule(x, y, core, &shell).unwrap();
+        }
+        for (x, y, core, shell, wanted) in [
+            (
+                0.0,
+                5.8,
+                0.5,
+                String::new(),
+                "c.toml:5:15: `marker[0].position_mm`: this marker of 0.25 mm radius stands 0.05 mm out",
+            ),
+            (
+                0.0,
+                -40.0,
+                0.5,
+                String::new(),
+                "stands 34.25 mm out of the capsule; allowed: within its 12 x 26 mm",
+            ),
+            (-12.9, 0.0, 0.5, String::new(), "stands 0.15 mm out"),
+            (12.0, 5.0, 0.5, String::new(), "stands 1.32 mm out"),
+            (0.0, 5.0, 0.5, shell(1.0, 1.18), "stands 0.25 mm out"),
+            (0.0, 0.0, 0.5, shell(1.0, 1930.0), "1930 g/cm³; allowed: up to 22.59"),
+        ] {
+            let message = capsule(x, y, core, &shell).unwrap_err();
+            assert!(message.contains(wanted), "{message}");
+        }
     }
 }

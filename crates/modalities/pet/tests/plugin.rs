@@ -245,6 +245,20 @@ fn law_bad_tables_are_refused_by_key() {
         ("pet-scalene", "scanner = \"reduced\"\nwindow_ms = 60.0", "", "window_ms"),
         ("pet-scalene", "scanner = \"reduced\"\ncolour = 1", "", "colour"),
         ("pet-scalene", INSTALLED, "front_end = \"magic\"", "magic"),
+        ("pet-scalene", INSTALLED, "front_end = \"fcm\"\nstart_windows = 5", "allowed with: mixture, lines"),
+        ("pet-scalene", INSTALLED, "front_end = \"rigid\"\nestimate_markers = true", "allowed with: mixture"),
+        (
+            "pet-scalene",
+            INSTALLED,
+            "point = 1",
+            "front end `mixture` does not look at this; allowed with: points",
+        ),
+        (
+            "pet-scalene",
+            INSTALLED,
+            "front_end = \"points\"\nmost_lines = 9",
+            "`points` does not look at this",
+        ),
     ] {
         let message = refused(capsule, installed, options);
         assert!(message.contains(wanted), "{message}");
