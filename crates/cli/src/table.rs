@@ -4,8 +4,8 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
 use lumenav::evaluation::plausibility::SpeedFigures;
 use lumenav::report::{
-    ExpectVerdict, Metrics, MotionFigures, PairDistance, PeriodFigures, Timing, TrackMetrics, TrackRest,
-    Trials,
+    ExpectVerdict, Metrics, MotionFigures, PairDistance, PeriodFigures, SensorMetrics, Timing, TrackMetrics,
+    TrackRest, Trials,
 };
 use lumenav::reproduce;
 use std::collections::BTreeMap;
@@ -113,6 +113,11 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
             text = format!("{text}\n{name}: {line}");
         }
     }
+    for (name, sensor) in &metrics.sensors {
+        if let Some(line) = delivered(sensor) {
+            text = format!("{text}\n{name}: {line}");
+        }
+    }
     for (name, track) in &metrics.tracks {
         for (period, figures) in &track.periods {
             text = format!("{text}\n{name}, {period}: {}", of_period(figures));
@@ -132,6 +137,19 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
         text = format!("{text}\n{line}");
     }
     text
+}
+
+/// What a sensor delivered, where that is not simply all of its readings.
+fn delivered(sensor: &SensorMetrics) -> Option<String> {
+    let mut parts = vec![format!("{} readings", sensor.readings)];
+    if sensor.events > 0 {
+        let each = sensor.events as f64 / sensor.readings.max(1) as f64;
+        parts.push(format!("{each:.1} events in each in the mean"));
+    }
+    if sensor.missing > 0 {
+        parts.push(format!("{} missing or not to be read (events.jsonl says which)", sensor.missing));
+    }
+    (parts.len() > 1).then(|| parts.join(", "))
 }
 
 /// A time in the unit in which it has two or three digits.

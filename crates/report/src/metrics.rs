@@ -17,7 +17,7 @@ use crate::expected::{Expectations, Plausibility};
 use crate::file::write_json;
 use crate::log::refusal_reason;
 use crate::motion::{ErrorsBySegment, Motion, MotionFigures, SegmentErrors};
-use lumenav_core::{Name, SimTime};
+use lumenav_core::{Name, Rows, SimTime};
 use lumenav_evaluation::bound::EfficiencyAccumulator;
 use lumenav_evaluation::bounded::BoundedQuantiles;
 use lumenav_evaluation::consistency::one_run::{NeesAccumulator, NeesSummary, NisAccumulator};
@@ -111,6 +111,14 @@ pub struct SensorMetrics {
     pub readings: u64,
     /// Readings that were due and did not arrive, or could not be read.
     pub missing: u64,
+    /// Events (lines of response, decoded rows) in all readings; absent where readings are of channels.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub events: u64,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// The figures of one track.
@@ -515,7 +523,11 @@ impl MetricsObserver {
                 }
             }
             RunEvent::Reading { reading, .. } => {
-                self.sensors.entry(reading.sensor.clone()).or_default().readings += 1;
+                let sensor = self.sensors.entry(reading.sensor.clone()).or_default();
+                sensor.readings += 1;
+                if reading.payload.schema().rows == Rows::Events {
+                    sensor.events += reading.payload.rows() as u64;
+                }
             }
             RunEvent::Command { controller, command, world_from_sensor, .. } => {
                 let watched = self.controllers.entry((*controller).clone()).or_default();

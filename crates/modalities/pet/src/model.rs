@@ -68,12 +68,13 @@ impl MeasurementModel for LinesModel {
         if !found.log_likelihood.is_finite() {
             return Err(ModalityError::Undefined("the lines have no likelihood at this pose".into()));
         }
-        let information = without_negative_curvature(&found.information, self.size_m());
+        let share = self.noise.information_share;
+        let information = without_negative_curvature(&found.information, self.size_m()) * share;
         Ok(Linearization::Information {
             parts: vec![Part::Pose(Instant::Now)],
-            gradient: DVector::from_column_slice(found.gradient.as_slice()),
+            gradient: DVector::from_column_slice((found.gradient * share).as_slice()),
             information: DMatrix::from_column_slice(6, 6, information.as_slice()),
-            log_likelihood: found.log_likelihood,
+            log_likelihood: found.log_likelihood * share,
             effective_count: found.effective_lines(),
         })
     }
@@ -83,7 +84,8 @@ impl MeasurementModel for LinesModel {
         _m: &Measurement,
         at: &dyn StateView,
     ) -> Result<Option<DMatrix<f64>>, ModalityError> {
-        let information = self.likelihood.expected_information(&self.window, &Self::pose(at)?, &self.weights);
+        let of_lines = self.likelihood.expected_information(&self.window, &Self::pose(at)?, &self.weights);
+        let information = of_lines * self.noise.information_share;
         Ok(Some(DMatrix::from_column_slice(6, 6, information.as_slice())))
     }
 

@@ -301,7 +301,11 @@ fn law_lines_that_are_not_the_scanners_are_bad_rows() {
             message.contains("a.csv:2: an end at (") && message.contains("`allegro`"),
             "{what}: {message}"
         );
-        assert_eq!(folder.skipping("allegro", "lines = \"a.csv\"").1.len(), ROWS.len(), "{what}");
+        // None is left.
+        let all = folder.read("allegro", "lines = \"a.csv\"\nbad_rows = \"skip\"").unwrap();
+        assert_eq!(all.len(), ROWS.len() + 1, "{what}");
+        let last = all.last().unwrap().as_ref().unwrap_err().to_string();
+        assert!(last.contains("a.csv") && last.contains("no line in this file"), "{what}: {last}");
     }
     // Between the blocks of the reduced scanner, which the full ring has.
     let turned = "1.0,311,311,0,-311,-311,0\n";
@@ -315,6 +319,14 @@ fn law_lines_that_are_not_the_scanners_are_bad_rows() {
 }
 
 #[test]
+fn law_a_file_without_a_line_is_no_recording() {
+    let folder = Folder::new();
+    folder.write("a.csv", HEADER);
+    let message = folder.error("allegro", "lines = \"a.csv\"");
+    assert!(message.contains("a.csv:1: no line in this file"), "{message}");
+}
+
+#[test]
 fn law_cut_files_are_never_taken_for_whole() {
     let folder = Folder::new();
     let text = format!("{HEADER}{}", text_of(&ROWS, ","));
@@ -323,7 +335,7 @@ fn law_cut_files_are_never_taken_for_whole() {
         let outcome = folder.read("allegro", "lines = \"cut.csv\"");
         let failed = outcome.as_ref().map_or(true, |all| all.iter().any(Result::is_err));
         // Cut between two lines nothing can be seen, and nothing is wrong with what is there.
-        let is_whole = text[..cut].ends_with('\n');
+        let is_whole = text[..cut].ends_with('\n') && cut > HEADER.len();
         assert_eq!(failed, !is_whole, "{cut}: {:?}", &text[..cut]);
     }
     folder.pack("whole.csv.gz", &text_of(&ROWS, ",").clone().replace("180.125", "180.5"));
@@ -591,6 +603,29 @@ proptest! {
         if let Ok(all) = folder.read("allegro", "lines = \"a.parquet\"\nmax_gap_s = 1\nbad_rows = \"skip\"") {
             prop_assert!(all.len() < 200);
         }
+    }
+}
+
+/// `docs/pet.md` holds every key, and a scanner that can be read.
+#[test]
+fn law_the_page_names_every_key() {
+    use lumenav_pet::config::{INSTALLED_SOURCES, OPTIONS_SOURCES, REALITY_SOURCES};
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs/pet.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let tables: [&[(&str, &str)]; 4] =
+        [&INSTALLED_SOURCES, &REALITY_SOURCES, &OPTIONS_SOURCES, &lumenav_pet::reader::FILES_SOURCES];
+    for (key, _) in tables.into_iter().flatten() {
+        assert!(page.contains(&format!("`{key}`")), "{key}");
+    }
+    let start = page.find("[scanner]\n").unwrap();
+    let end = start + page[start..].find("```").unwrap();
+    let node = Node::parse_text(&page[start..end], "page.toml", Path::new(""), &[]).unwrap();
+    let scanner = Scanner::from_node(&node).unwrap();
+    assert_eq!(scanner.blocks.len(), 24);
+    assert!((scanner.told_depth_m() - 9e-3).abs() < 1e-12);
+    // With all of its keys written, commented ones as well.
+    for (key, _) in lumenav_pet::scanner::SCANNER_SOURCES {
+        assert!(page[start..end].contains(key), "{key}");
     }
 }
 

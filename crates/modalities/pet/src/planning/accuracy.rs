@@ -83,7 +83,10 @@ impl Plan<'_> {
         let about = Preparation::about(centre_world_m.coords);
         // Fewer bundles than a window must have: the source is at the very edge of what the blocks see.
         let information = match window.prepare(&lines, self.noise, &about, 1) {
-            Ok(()) => likelihood.expected_of_counts(&window, world_from_capsule, &weights, count),
+            Ok(()) => {
+                let of_lines = likelihood.expected_of_counts(&window, world_from_capsule, &weights, count);
+                of_lines * self.noise.information_share
+            }
             Err(_) => Matrix6::zeros(),
         };
         Expected {

@@ -150,7 +150,13 @@ impl Windows {
             if self.ahead.is_none() && !self.is_at_end {
                 self.fetch()?;
             }
-            let Some((at_ns, _)) = self.ahead else { return Ok(self.fresh > 0) };
+            let Some((at_ns, _)) = self.ahead else {
+                if self.last_ns.is_none() {
+                    self.failed = true;
+                    return Err(self.source.error("no line in this file"));
+                }
+                return Ok(self.fresh > 0);
+            };
             match self.kind {
                 Kind::Lines { count, .. } => {
                     self.take_ahead()?;

@@ -228,7 +228,9 @@ impl Mixture {
     ) -> Result<(Top, Option<Reinitialized>), Failure> {
         let hint = prior.filter(|p| p.how != PriorUse::None);
         let contained = hint.filter(|p| p.how == PriorUse::Contained).and_then(|p| {
-            Some(NormalPrior { mean: p.world_from_capsule, information: p.covariance.cholesky()?.inverse() })
+            // Lines count in full in a climb: beside them a prior weighs the more, and both are scaled in the end.
+            let information = p.covariance.cholesky()?.inverse() / self.noise.information_share;
+            Some(NormalPrior { mean: p.world_from_capsule, information })
         });
         let velocity = hint.map_or_else(Vector3::zeros, |p| p.velocity_world_m_s);
         if self.memory.doubted {
@@ -270,7 +272,7 @@ impl Mixture {
         if !top.converged {
             return Err(Failure::NotConverged { steps: FULL_STEPS });
         }
-        out.covariance = covariance(&top.information, &self.options.limits)?;
+        out.covariance = covariance(&(top.information * self.noise.information_share), &self.options.limits)?;
         let hint = prior.filter(|p| p.how != PriorUse::None);
         let near = hint.map(|p| p.world_from_capsule).or(self.memory.world_from_capsule);
         out.world_from_capsule = near.map_or(top.pose, |near| self.body.nearest_twin(&top.pose, &near));

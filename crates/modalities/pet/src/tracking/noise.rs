@@ -15,7 +15,8 @@
 //!
 //! S and τ come from the scanner's file: [`BlockNoise::of_block`] sends photons from about the scanner's middle into one block of its
 //! scintillator ([`crate::simulation::deposits`], fixed seed), takes the error of the told place from where the photon's way is as deep
-//! as the deposit, and fits both laws ([`BlockNoise::of_samples`]). No label of any
+//! as the deposit, fits both laws ([`BlockNoise::of_samples`]) and tells how much of its information counts
+//! ([`BlockNoise::information_share`]). No label of any
 //! simulated or recorded line enters. [`BlockNoise::reference`] holds an independent study's numbers for 4 x 6 x 20 mm GSO crystals.
 
 use super::lanes::{Four, LANES, Three, lanes};
@@ -58,13 +59,17 @@ pub struct BlockNoise {
     pub core_m2: [f64; 3],
     /// Variances of the tail: tangential, axial, depth, m².
     pub tail_m2: [f64; 3],
+    /// What counts of what a line says, above 0 to 1. No mixture of two normal laws is the law of crystals, which are flat; of a law that is not
+    /// exact the variance J of the score is not the information I, and covariances taken from the information are too small by I/J
+    /// (White 1982). So the information, and the score with it, is taken at this share `I/J`.
+    pub information_share: f64,
 }
 
 impl BlockNoise {
     /// GSO crystals of 4 x 6 x 20 mm: `0.75 N(S) + 0.25 N(11 S)`, S = 2.0, 4.4, 44 mm² (reference A, a Monte Carlo of the block).
     pub fn reference() -> Self {
         let core_m2 = [2.0e-6, 4.4e-6, 44e-6];
-        Self { tail_share: 0.25, core_m2, tail_m2: core_m2.map(|v| 11.0 * v) }
+        Self { tail_share: 0.25, core_m2, tail_m2: core_m2.map(|v| 11.0 * v), information_share: 1.0 }
     }
 
     /// From the physics of a scanner's blocks (all alike): see the head of this file. The same file gives the same numbers.
@@ -74,11 +79,20 @@ impl BlockNoise {
         let deposits = sampled_deposits(scanner, scintillator);
         let errors: Vec<_> =
             deposits.iter().map(|sample| error_of(scanner, end_points, sample, &mut random)).collect();
+        let fit = Self::of_samples(&errors).map(|fit| {
+            // Ends that are told as they are: what is left beside photons that scattered is the source's own spread.
+            if end_points == EndPoints::Continuous && scanner.detection.position_fwhm_m.is_none() {
+                return fit;
+            }
+            let length_m = 2.0 * (scanner.blocks[0].centre_world_m.norm() + scanner.told_depth_m());
+            let information_share = fit.information_share_of(&errors, round_m2(length_m), &mut random);
+            Self { information_share, ..fit }
+        });
         // A block that stops next to nothing tells next to nothing: then the crystal's own size.
-        Self::of_samples(&errors).unwrap_or_else(|| {
+        fit.unwrap_or_else(|| {
             let g = &scanner.grid;
             let core_m2 = [g.tangential_pitch_m, g.axial_pitch_m, g.depth_m].map(|v| v * v / 12.0);
-            Self { tail_share: 0.0, core_m2, tail_m2: core_m2 }
+            Self { tail_share: 0.0, core_m2, tail_m2: core_m2, information_share: 1.0 }
         })
     }
 
@@ -86,7 +100,7 @@ impl BlockNoise {
     pub fn of_resolution(fwhm_m: f64, depth_m: f64) -> Self {
         let across = (fwhm_m / FWHM_PER_SD).powi(2);
         let core_m2 = [across, across, depth_m * depth_m / 12.0];
-        Self { tail_share: 0.0, core_m2, tail_m2: core_m2 }
+        Self { tail_share: 0.0, core_m2, tail_m2: core_m2, information_share: 1.0 }
     }
 
     /// Fits core and tail to errors `(tangential, axial, depth)` of single ends, m: EM on a mixture of two centred normal laws with
@@ -100,12 +114,72 @@ impl BlockNoise {
             mean.max(SMALLEST_VARIANCE_M2)
         };
         let whole = [moment(0), moment(1), moment(2)];
-        let mut fit =
-            Self { tail_share: 0.25, core_m2: whole.map(|v| 0.3 * v), tail_m2: whole.map(|v| 3.0 * v) };
+        let mut fit = Self {
+            tail_share: 0.25,
+            core_m2: whole.map(|v| 0.3 * v),
+            tail_m2: whole.map(|v| 3.0 * v),
+            information_share: 1.0,
+        };
         for _ in 0..EM_STEPS {
             fit = fit.em_step(errors_block_m);
         }
         Some(fit)
+    }
+
+    /// What a line says of its information: see [`Self::information_share`]. Of lines of two ends each through a source in the middle that
+    /// spreads by `round_m2` per axis; trace, each axis by its own information.
+    fn information_share_of(
+        &self,
+        errors_block_m: &[Vector3<f64>],
+        round_m2: f64,
+        random: &mut RandomStream,
+    ) -> f64 {
+        let laws = self.laws_of_lines(round_m2);
+        let (mut squares, mut information) = ([0.0; 2], [0.0; 2]);
+        let ends = errors_block_m.len();
+        let pairs =
+            (1..=PARTNERS).flat_map(|k| (0..ends).map(move |i| (i, (i + k * ends / (PARTNERS + 1)) % ends)));
+        for (a, b) in pairs.map(|(a, b)| (&errors_block_m[a], &errors_block_m[b])) {
+            let u: [f64; 2] = std::array::from_fn(|axis| {
+                let blur: f64 = random.sample(StandardNormal);
+                0.5 * (a[axis] + b[axis]) + round_m2.sqrt() * blur
+            });
+            let (mut density, mut slope, mut bend) = (0.0, [0.0; 2], [0.0; 2]);
+            for (share, variances) in &laws {
+                let q = u[0] * u[0] / variances[0] + u[1] * u[1] / variances[1];
+                let weight = share * (-0.5 * q).exp() / (variances[0] * variances[1]).sqrt();
+                density += weight;
+                for axis in 0..2 {
+                    let pull = u[axis] / variances[axis];
+                    slope[axis] += weight * pull;
+                    bend[axis] += weight * (pull * pull - 1.0 / variances[axis]);
+                }
+            }
+            // Beyond what an exponential can hold there is no score.
+            for axis in 0..2 {
+                let score = if density > 0.0 { slope[axis] / density } else { 0.0 };
+                squares[axis] += score * score;
+                information[axis] += score * score - if density > 0.0 { bend[axis] / density } else { 0.0 };
+            }
+        }
+        let ratio = 0.5 * (squares[0] / information[0] + squares[1] / information[1]);
+        // A line never counts for more than it says.
+        if ratio > 1.0 { 1.0 / ratio } else { 1.0 }
+    }
+
+    /// Share, and variance tangential and axial, of the three components of a line through the middle of its scanner, m².
+    fn laws_of_lines(&self, round_m2: f64) -> [(f64, [f64; 2]); COMPONENTS] {
+        let t = self.tail_share;
+        let half = |of_core: f64, of_tail: f64| {
+            std::array::from_fn(|axis| {
+                0.5 * (of_core * self.core_m2[axis] + of_tail * self.tail_m2[axis]) + round_m2
+            })
+        };
+        [
+            ((1.0 - t) * (1.0 - t), half(1.0, 0.0)),
+            (2.0 * t * (1.0 - t), half(0.5, 0.5)),
+            (t * t, half(0.0, 1.0)),
+        ]
     }
 
     fn em_step(&self, errors: &[Vector3<f64>]) -> Self {
@@ -134,6 +208,7 @@ impl BlockNoise {
             tail_share: tail[3] / errors.len() as f64,
             core_m2: variances(&core, &self.core_m2),
             tail_m2: variances(&tail, &self.tail_m2),
+            ..*self
         }
     }
 }
@@ -165,6 +240,14 @@ fn error_of(
     told - sample.way_beside_m()
 }
 
+/// What a source of Na-22 and the acollinearity add to a line of this length in its middle, per axis, m².
+fn round_m2(length_m: f64) -> f64 {
+    let bend_m = 0.25 * length_m * ACOLLINEARITY_FWHM_RAD / FWHM_PER_SD;
+    bend_m * bend_m + SODIUM_SOURCE_VARIANCE_M2
+}
+
+/// Each sampled end is one of so many lines when it is asked what counts of them.
+const PARTNERS: usize = 8;
 /// No detector tells a place to better than a tenth of a millimetre; keeps every covariance invertible.
 const SMALLEST_VARIANCE_M2: f64 = 1e-8;
 /// Steps of the fit: the shares of a sample of 20,000 stand still to three digits after 60.
@@ -181,6 +264,8 @@ pub struct LineNoise {
     slots: Vec<u32>,
     heads: Scanner,
     coverage: Arc<Coverage>,
+    /// See [`BlockNoise::information_share`].
+    pub information_share: f64,
     /// Shares of the three components.
     pub component_shares: [f64; COMPONENTS],
     /// Variance per axis that the source adds, m².
@@ -243,6 +328,7 @@ impl LineNoise {
             slots: slots(scanner),
             heads: scanner.clone(),
             coverage: Arc::new(Coverage::new(scanner)),
+            information_share: block.information_share,
             component_shares: [(1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t), t * t],
             source_variance_m2: source.variance_m2,
             acollinearity_sd_rad: source.acollinearity_fwhm_rad / FWHM_PER_SD,
@@ -350,6 +436,46 @@ mod tests {
             }
             // The border between two blocks falls into one slot of 0.18 degrees: a crystal beside it may be told in its neighbour's frame.
             assert!(wrong <= scanner.blocks.len(), "{name}: {wrong}");
+        }
+    }
+
+    #[test]
+    fn closed_form_what_counts_of_a_law_that_is_not_exact() {
+        use rand_distr::{Distribution as _, StandardNormal};
+        let mut random = RandomStreams::new(8, 0, "noise-test").stream("share", 0);
+        let law = BlockNoise { tail_share: 0.2, ..BlockNoise::reference() };
+        let exact: Vec<Vector3<f64>> = (0..40_000)
+            .map(|_| {
+                let v = if random.random::<f64>() < 0.2 { law.tail_m2 } else { law.core_m2 };
+                Vector3::from(v.map(|v| {
+                    let z: f64 = StandardNormal.sample(&mut random);
+                    z * v.sqrt()
+                }))
+            })
+            .collect();
+        let share = law.information_share_of(&exact, 1e-6, &mut random);
+        assert!(share > 0.97, "{share}");
+        // One normal law of κ times the true variance: score variance E[u²]/κ²v², information 1/κv, whatever the shape; so I/J = κ.
+        let flat: Vec<Vector3<f64>> =
+            (0..40_000).map(|_| Vector3::from_fn(|_, _| 8e-3 * (random.random::<f64>() - 0.5))).collect();
+        for kappa in [0.5, 0.8, 1.0] {
+            let law = BlockNoise { tail_share: 0.0, core_m2: [kappa * 64e-6 / 12.0; 3], ..law };
+            let share = law.information_share_of(&flat, 0.0, &mut random);
+            assert!((share / kappa - 1.0).abs() < 0.03, "{kappa}: {share}");
+        }
+    }
+
+    /// Of the shipped scanners' crystals: some per cent of the information do not count.
+    #[test]
+    fn regress_information_share_of_the_shipped_scanners() {
+        for (name, crystals) in [("allegro", "gso"), ("tf64", "lyso"), ("reduced", "gso")] {
+            let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models");
+            let file = Node::open(&models.join(format!("scintillators/{crystals}.toml"))).unwrap();
+            let scintillator = Scintillator::from_node(&file).unwrap();
+            let scanner = shipped(name).with_interaction_depth(&scintillator);
+            let noise = BlockNoise::of_block(&scanner, &scintillator, EndPoints::Crystal);
+            println!("{name}: {noise:?}");
+            assert!((0.88..0.99).contains(&noise.information_share), "{name}: {noise:?}");
         }
     }
 

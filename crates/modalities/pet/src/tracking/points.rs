@@ -271,7 +271,8 @@ impl Points {
         if !top.converged {
             return Err(Failure::NotConverged { steps: STEPS });
         }
-        let covariance_m2 = top.information.cholesky().ok_or(Failure::Indefinite)?.inverse();
+        let information = top.information * self.noise.information_share;
+        let covariance_m2 = information.cholesky().ok_or(Failure::Indefinite)?.inverse();
         let largest = covariance_m2.symmetric_eigenvalues().max().sqrt();
         if !(largest <= self.limits.position_m) {
             return Err(Failure::Uncertain {

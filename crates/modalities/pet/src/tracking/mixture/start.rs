@@ -212,7 +212,7 @@ impl Mixture {
         self.motion = Some(MotionEstimate {
             velocity_world_m_s: moving.velocity,
             angular_rate_capsule_rad_s: moving.rate,
-            covariance,
+            covariance: covariance / self.noise.information_share,
         });
         Ok(Top { pose, information, converged: moving.top.converged, ..own })
     }
@@ -297,7 +297,8 @@ impl Mixture {
             all.gradient += by_all.transpose() * evaluation.gradient;
             all.information += by_all.transpose() * evaluation.information * by_all;
         }
-        let known = self.options.start_rate_sigma_rad_s.powi(-2);
+        // As a prior in `locate`: scaled back with the lines' information in the end.
+        let known = self.options.start_rate_sigma_rad_s.powi(-2) / self.noise.information_share;
         all.top.objective -= 0.5 * known * rate.norm_squared();
         for i in 0..3 {
             all.gradient[9 + i] -= known * rate[i];
