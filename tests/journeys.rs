@@ -692,6 +692,44 @@ fn law_periods_are_told_below_the_table() {
     assert!(table.contains(", late: mean ") && table.contains("(worst trial "), "{table}");
 }
 
+/// What `[expect]` asks is judged, and told by the exit code after everything is written.
+#[test]
+fn law_what_is_expected_and_is_not_so_ends_with_code_4() {
+    let folder = scratch();
+    let scenario = folder.path().join("s.toml");
+    let text = std::fs::read_to_string(root().join("scenarios/smoke/helix.toml")).expect("shipped");
+    let run = |expect: &str, out: &str| {
+        std::fs::write(&scenario, format!("{text}\n{expect}\n")).expect("a scratch file");
+        let run = Run::new(&scenario).arg("--models").arg(root().join("models")).arg("--record").arg("none");
+        run.out(&folder.path().join(out))
+    };
+    let distance = "[[expect.distance]]\ntracks = [\"magnetic\", \"magnetic-eskf\"]\n";
+    let rest = "[[expect.rest]]\ntrack = \"magnetic\"\n";
+    let met = format!("[expect]\nmax_speed_m_s = 5.0\n{distance}mm = [0.0, 5.0]\n{rest}max_robust_sd_mm = 100.0");
+    let table = run(&met, "met").ok();
+    assert!(table.contains("as expected: share of the steps of magnetic within 5 m/s: 1"), "{table}");
+    // A helix of 22 mm per second does not rest within 0.1 mm.
+    for (expect, wanted) in [
+        ("[expect]\nmax_speed_m_s = 1e-4".to_owned(), "NOT AS EXPECTED: share of the steps of magnetic"),
+        (format!("{distance}mm = [10.0, 20.0]"), "NOT AS EXPECTED: distance magnetic - magnetic-eskf"),
+        (format!("{rest}max_robust_sd_mm = 0.1"), "NOT AS EXPECTED: rest of magnetic, largest robust sd"),
+    ] {
+        let said = run(&expect, "unmet").arg("--force").fails(4);
+        assert!(said.contains(wanted), "{said}");
+        let metrics = std::fs::read_to_string(folder.path().join("unmet/metrics.json")).expect("it is written");
+        let metrics: serde_json::Value = serde_json::from_str(&metrics).expect("JSON");
+        assert_eq!(metrics["expected"]["verdicts"][0]["met"], false);
+    }
+    for (expect, wanted) in [
+        ("[expect]\nspeed_share = 0.9".to_owned(), "Give `max_speed_m_s`"),
+        (rest.replace("magnetic", "no"), "no track `no`"),
+        (format!("{distance}mm = [3.0, 2.0]"), "the first must not be the larger"),
+    ] {
+        let said = run(&expect, "bad").fails(3);
+        assert!(said.contains(wanted), "{said}");
+    }
+}
+
 #[test]
 fn law_a_generated_gut_is_one_that_the_statistics_command_knows_and_a_wrong_word_is_refused() {
     let folder = scratch();
