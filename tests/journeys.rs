@@ -705,7 +705,8 @@ fn law_what_is_expected_and_is_not_so_ends_with_code_4() {
     };
     let distance = "[[expect.distance]]\ntracks = [\"magnetic\", \"magnetic-eskf\"]\n";
     let rest = "[[expect.rest]]\ntrack = \"magnetic\"\n";
-    let met = format!("[expect]\nmax_speed_m_s = 5.0\n{distance}mm = [0.0, 5.0]\n{rest}max_robust_sd_mm = 100.0");
+    let met =
+        format!("[expect]\nmax_speed_m_s = 5.0\n{distance}mm = [0.0, 5.0]\n{rest}max_robust_sd_mm = 100.0");
     let table = run(&met, "met").ok();
     assert!(table.contains("as expected: share of the steps of magnetic within 5 m/s: 1"), "{table}");
     // A helix of 22 mm per second does not rest within 0.1 mm.
@@ -716,7 +717,8 @@ fn law_what_is_expected_and_is_not_so_ends_with_code_4() {
     ] {
         let said = run(&expect, "unmet").arg("--force").fails(4);
         assert!(said.contains(wanted), "{said}");
-        let metrics = std::fs::read_to_string(folder.path().join("unmet/metrics.json")).expect("it is written");
+        let metrics =
+            std::fs::read_to_string(folder.path().join("unmet/metrics.json")).expect("it is written");
         let metrics: serde_json::Value = serde_json::from_str(&metrics).expect("JSON");
         assert_eq!(metrics["expected"]["verdicts"][0]["met"], false);
     }
