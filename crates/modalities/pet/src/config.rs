@@ -89,11 +89,12 @@ impl Output {
 }
 
 /// Which front ends look at a key; the others would pass it over in silence.
-const READ_BY: [(&str, &[Output]); 7] = [
+const READ_BY: [(&str, &[Output]); 8] = [
     ("predict_failures", &[Output::Mixture, Output::Lines, Output::Rigid, Output::Fcm]),
     ("estimate_markers", &[Output::Mixture]),
     ("most_lines", &[Output::Mixture, Output::Lines, Output::Rigid, Output::Fcm]),
     ("start_windows", &[Output::Mixture, Output::Lines]),
+    ("start_sigma_mm", &[Output::Mixture, Output::Lines]),
     ("start_rate_sigma_rad_s", &[Output::Mixture, Output::Lines]),
     ("points", &[Output::Points]),
     ("point", &[Output::Points]),
@@ -112,8 +113,11 @@ pub struct OptionsTable {
     pub estimate_markers: bool,
     /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
     pub most_lines: Option<u32>,
-    /// Windows from which a first pose is taken together, 1 to 8 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
+    /// Windows from which a first pose is taken together, 1 to 24 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
     pub start_windows: u32,
+    /// A start from several windows waits for no more of them once every marker is told to this standard deviation, mm. Default 0: it waits for
+    /// all.
+    pub start_sigma_mm: NonNegative,
     /// Standard deviation of the capsule's angular rate before a start from several windows, rad/s per axis: a filter that starts there takes
     /// it from here, not from its own `initial_rate_sigma_rad_s`. Default 0.5.
     pub start_rate_sigma_rad_s: Positive,
@@ -168,6 +172,7 @@ impl Default for OptionsTable {
             estimate_markers: false,
             most_lines: None,
             start_windows: 1,
+            start_sigma_mm: NonNegative(0.0),
             start_rate_sigma_rad_s: Positive(0.5),
             points: 1,
             point: 1,
@@ -196,12 +201,13 @@ pub const REALITY_SOURCES: [(&str, &str); 5] = [
 ];
 
 /// See [`INSTALLED_SOURCES`].
-pub const OPTIONS_SOURCES: [(&str, &str); 8] = [
+pub const OPTIONS_SOURCES: [(&str, &str); 9] = [
     ("front_end", "chosen: the estimator that gives a covariance"),
     ("predict_failures", "than2015, section 3.4.4: a track that is lost stays lost without it"),
     ("estimate_markers", "chosen: the markers stand where the capsule's model says"),
     ("most_lines", "chosen: no line is thrown away unseen"),
     ("start_windows", "chosen: 284 lines (than2015, table 4.2) tell a first pose"),
+    ("start_sigma_mm", "chosen: a start waits for as many windows as are named"),
     ("start_rate_sigma_rad_s", "chosen: the fastest path of than2015 turns by 0.7 rad/s"),
     ("points", "chosen: a single particle"),
     ("point", "chosen: the first that is found"),

@@ -361,6 +361,7 @@ fn tracker(options: &OptionsTable, markers: &MarkerSet, noise: &LineNoise) -> Bo
                 test_permutations: options.predict_failures,
                 estimate_markers: options.estimate_markers,
                 start_windows: options.start_windows as usize,
+                start_sigma_m: 1e-3 * options.start_sigma_mm.0,
                 start_rate_sigma_rad_s: options.start_rate_sigma_rad_s.0,
                 ..MixtureOptions::default()
             };

@@ -298,8 +298,8 @@ fn law_a_vague_prediction_gets_a_pose_and_a_far_one_too() {
 
 #[test]
 fn law_a_start_from_more_windows_than_are_kept_is_refused() {
-    let message = refused("pet-scalene", INSTALLED, "front_end = \"lines\"\nstart_windows = 9");
-    assert!(message.contains("start_windows") && message.contains("1 to 8"), "{message}");
+    let message = refused("pet-scalene", INSTALLED, "front_end = \"lines\"\nstart_windows = 25");
+    assert!(message.contains("start_windows") && message.contains("1 to 24"), "{message}");
 }
 
 /// The capsule of [`Moving`] in a patient whom somebody has carried and turned.

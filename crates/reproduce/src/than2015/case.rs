@@ -32,7 +32,7 @@ pub struct Led {
 }
 
 /// What every table of followed windows must say.
-pub const LATE: &str = "up to four windows before an estimator's first pose are answered late, from that pose; windows without a pose \
+pub const LATE: &str = "up to 23 windows before an estimator's first pose are answered late, from that pose; windows without a pose \
                         count as failed";
 
 /// A figure of a score.

@@ -42,9 +42,12 @@ pub const FILTERED: &str = "mixture";
 /// Standard deviation of the velocity when the filter starts, per axis, m/s: the fastest of the paths runs at 45 mm/s.
 const START_VELOCITY_M_S: f64 = 0.045;
 
-/// Windows that the mixtures take a first pose from, and how many wait for it. Of 5, 8, 10 and 12 the one with the fewest wrong windows on
-/// seeds 101 to 200 of the helix (54 lines) and 101 to 150 of the fast one (284 and 120 lines), which are in no table.
-pub const START_WINDOWS: usize = 8;
+/// Most windows that the mixtures take a first pose from, and how many wait for it; they start once every marker is told to
+/// [`START_SIGMA_M`]. On seeds 101 to 160 of the helix (54 lines, the first 60 windows) 10 windows of 5 seeds are wrong with eight windows and 4
+/// of 2 with these; on 101 to 130 of the fast one (120 lines) none with either. These seeds are in no table.
+pub const START_WINDOWS: usize = 24;
+/// See [`START_WINDOWS`]; 0.7 and 1.0 mm were tried, too.
+pub const START_SIGMA_M: f64 = 0.8e-3;
 
 /// How the filter believes that the capsule moves: velocity and angular rate as random walks, forgotten never.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,7 +125,12 @@ impl Estimators {
     }
 
     fn mixture(&self, budget: Budget) -> Mixture {
-        let options = MixtureOptions { budget, start_windows: START_WINDOWS, ..MixtureOptions::default() };
+        let options = MixtureOptions {
+            budget,
+            start_windows: START_WINDOWS,
+            start_sigma_m: START_SIGMA_M,
+            ..MixtureOptions::default()
+        };
         Mixture::new(&self.set.markers, (*self.noise).clone(), options)
     }
 

@@ -131,8 +131,8 @@ fn describe(table: &mut Table, cells: &[Cell]) {
     }
     table.note(
         "error: distance of a marker from its place in the middle of the window, only the two base markers interchangeable; windows \
-         without a pose count as failed and keep the last pose in the means; up to four windows before an estimator's first pose are \
-         answered late, from it",
+         without a pose count as failed and keep the last pose in the means; windows before an estimator's first pose, \
+         23 at most, are answered late, from it",
     );
     table.note(format!(
         "`{FILTERED}` has the lines as likelihood in a filter with a motion prior, one setting of process noise for the whole table; the \

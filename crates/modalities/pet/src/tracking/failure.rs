@@ -16,11 +16,11 @@ pub enum Failure {
         needed: usize,
     },
     /// A first pose is taken from several windows together, and there are not yet so many.
-    #[error("a first pose is taken from {needed} windows together; {have} so far")]
+    #[error("a first pose is taken from up to {needed} windows together; {have} so far")]
     Gathering {
         /// Windows so far, this one included.
         have: usize,
-        /// How many are asked for.
+        /// How many are waited for at most.
         needed: usize,
     },
     /// The lines all run one way, so that they do not fix a point.

@@ -43,9 +43,10 @@ use nalgebra::{Isometry3, Vector3};
 pub const TEST_EVERY: u64 = 10;
 /// Windows that a test or a stacked search looks at.
 pub const STACK: usize = 5;
-/// Most windows that a first pose is taken from together: a capsule of 45 mm/s that turns leaves an even motion by 1 mm in so many of
-/// 50 ms, a deviation of a line.
-pub const MOST_START_WINDOWS: usize = 8;
+/// Most windows that a first pose is taken from together, 1.2 s of windows of 50 ms. A capsule of 45 mm/s that turns leaves an even motion by
+/// 1 mm, a deviation of a line, in eight of them: only a slow one may be given more, or one that starts as soon as it can
+/// ([`MixtureOptions::start_sigma_m`]).
+pub const MOST_START_WINDOWS: usize = 24;
 /// Windows whose mean log-likelihood is remembered.
 const REMEMBERED: usize = 20;
 /// Another order is taken where it explains the windows better by this: odds of twenty to one.
@@ -79,6 +80,9 @@ pub struct MixtureOptions {
     pub estimate_markers: bool,
     /// Windows from which a first pose is taken together, 1 to [`MOST_START_WINDOWS`]; a window of many lines needs no other.
     pub start_windows: usize,
+    /// A start from several windows waits for no more of them once every marker's place is told to this standard deviation (root of the three
+    /// variances' sum), m; 0: it waits for all.
+    pub start_sigma_m: f64,
     /// Standard deviation of the angular rate before a first pose from several windows, rad/s per axis: the fastest path of than2015
     /// turns by 0.7 rad/s.
     pub start_rate_sigma_rad_s: f64,
@@ -93,6 +97,7 @@ impl Default for MixtureOptions {
             test_permutations: true,
             estimate_markers: false,
             start_windows: 1,
+            start_sigma_m: 0.0,
             start_rate_sigma_rad_s: 0.5,
             limits: Limits::default(),
         }

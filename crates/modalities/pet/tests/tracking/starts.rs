@@ -86,6 +86,38 @@ fn law_the_starts_covariance_covers_its_errors() {
     assert!(inside >= 18, "{inside} of 20");
 }
 
+/// Windows until a start that waits only until its markers are told: few with many lines, more with few, and each time it is as good as it says.
+#[test]
+fn law_a_start_waits_for_what_it_needs() {
+    const SIGMA_M: f64 = 0.8e-3;
+    let options =
+        || MixtureOptions { start_windows: 24, start_sigma_m: SIGMA_M, ..MixtureOptions::default() };
+    let waited = [(284.0, 0.819), (54.0, 0.592)].map(|(mean_lines, true_share)| {
+        let (mut windows, mut squares) = (0, 0.0);
+        for seed in 131..=142 {
+            let scanner = scanner("reduced");
+            let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), triangle(), seed);
+            let mut tracker = Mixture::new(&triangle(), noise_of(&scanner), options());
+            let motion = |t: f64| helix(t, 1.0);
+            for w in 0..24 {
+                let lines = generator.poisson_window(&motion, w as f64 * WINDOW_S, mean_lines, true_share);
+                windows += 1;
+                if let Ok(started) = tracker.track(&lines, None) {
+                    let worst = marker_errors(&started.markers_world_m, &motion(middle_s(w)), &triangle()).1;
+                    squares += worst * worst / 12.0;
+                    break;
+                }
+            }
+        }
+        (f64::from(windows) / 12.0, squares.sqrt())
+    });
+    println!("figure: windows and worst marker, m, with 284 and 54 lines: {waited:?}");
+    let [(many, many_m), (few, few_m)] = waited;
+    assert!(many < 5.0 && few > 2.0 * many && few < 22.0, "{waited:?}");
+    // The worst of three markers is off by more than the one that is told worst.
+    assert!(many_m < 1.5 * SIGMA_M && few_m < 1.5 * SIGMA_M, "{waited:?}");
+}
+
 /// From the fifth window back to the first.
 #[test]
 fn law_a_tracker_goes_back_in_time_window_by_window() {

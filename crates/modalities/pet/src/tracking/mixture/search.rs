@@ -7,10 +7,12 @@ use crate::tracking::centroid::Weight;
 use crate::tracking::climb::{COARSE, Top};
 use crate::tracking::densest::distance_m;
 use crate::tracking::window::Preparation;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Matrix3x6, Vector3};
 
 /// A second attitude within this of the best makes a first pose ambiguous: odds of e^4.
 const AMBIGUOUS: f64 = 4.0;
+/// A start that does not wait for all of its windows has seen so many: one tells no motion.
+const FEWEST_OF_AN_EARLY_START: usize = 2;
 /// Least gain of a pose that was searched for, as [`super::FOLLOWED_GAIN`]: half of what chi-square exceeds once in 10⁹ (30³ places and 60
 /// attitudes that a search can tell apart, one false alarm in a thousand searches).
 const SEARCHED_GAIN: f64 = 28.0;
@@ -95,7 +97,8 @@ impl Mixture {
         let is_start = !self.memory.started;
         let needed = if is_start { self.options.start_windows.min(MOST_START_WINDOWS) } else { 1 };
         let have = self.memory.recent.len() + 1;
-        if have < needed {
+        let is_early = have < needed;
+        if is_early && (have < FEWEST_OF_AN_EARLY_START || self.options.start_sigma_m <= 0.0) {
             return Err(Failure::Gathering { have, needed });
         }
         self.stack.clear();
@@ -106,12 +109,41 @@ impl Mixture {
         let stack = std::mem::take(&mut self.stack);
         let found = if needed > 1 { self.start_of_stack(&stack, lines) } else { self.find(&stack) };
         self.stack = stack;
+        if is_early && !found.as_ref().is_ok_and(|top| self.is_settled(top)) {
+            self.motion = None;
+            return Err(Failure::Gathering { have, needed });
+        }
         let found = found?;
         if needed > 1 {
             return Ok(found);
         }
         // The stack told the attitude; the pose is this window's.
         self.follow(lines, &found.pose, Vector3::zeros(), None)
+    }
+
+    /// Whether more windows are not worth waiting for: every marker is told well enough, and no other place is nearly as likely.
+    fn is_settled(&self, top: &Top) -> bool {
+        let has_rival = self.tops.first().is_some_and(|best| {
+            self.tops[1..].iter().any(|other| {
+                self.body.distance_m(&best.pose, &other.pose) > SAME_POSE_M
+                    && best.gain - other.gain < 2.0 * AMBIGUOUS
+            })
+        });
+        !has_rival && self.worst_marker_sd_m(top).is_some_and(|sd_m| sd_m <= self.options.start_sigma_m)
+    }
+
+    /// Standard deviation of the place of the marker that is told worst, m: `|δm|` with `δm = δp - R [m]x δθ`.
+    fn worst_marker_sd_m(&self, top: &Top) -> Option<f64> {
+        let covariance = (top.information * self.noise.information_share).cholesky()?.inverse();
+        let rotation = top.pose.rotation.to_rotation_matrix().into_inner();
+        let variance = |marker: &Vector3<f64>| {
+            let mut moves = Matrix3x6::zeros();
+            moves.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
+            moves.fixed_view_mut::<3, 3>(0, 3).copy_from(&-(rotation * marker.cross_matrix()));
+            (moves * covariance * moves.transpose()).trace()
+        };
+        let worst = self.likelihood.markers_capsule_m.iter().map(variance).fold(0.0, f64::max);
+        Some(worst.sqrt())
     }
 
     /// The best top of a search that looked at `given` lines, if it explains enough of them, and no other place does nearly as well.
