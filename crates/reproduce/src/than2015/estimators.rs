@@ -43,11 +43,12 @@ pub const FILTERED: &str = "mixture";
 const START_VELOCITY_M_S: f64 = 0.045;
 
 /// Most windows that the mixtures take a first pose from, and how many wait for it; they start once every marker is told to
-/// [`START_SIGMA_M`]. On seeds 101 to 160 of the helix (54 lines, the first 60 windows) 10 windows of 5 seeds are wrong with eight windows and 4
-/// of 2 with these; on 101 to 130 of the fast one (120 lines) none with either. These seeds are in no table.
+/// [`START_SIGMA_M`]. Wrong windows (3 mm) among the first 30 of seeds 161 to 300, with 54 and 80 lines: 31 and 6 from eight windows, as it was; from
+/// up to 24 until 0.8 mm 0 and 7, until 0.7 mm 0 and 3, until 0.6 mm none. At eight times the speed (120 lines, seeds 101 to 130) none with any
+/// of them. These seeds are in no table.
 pub const START_WINDOWS: usize = 24;
-/// See [`START_WINDOWS`]; 0.7 and 1.0 mm were tried, too.
-pub const START_SIGMA_M: f64 = 0.8e-3;
+/// See [`START_WINDOWS`], m.
+pub const START_SIGMA_M: f64 = 0.6e-3;
 
 /// How the filter believes that the capsule moves: velocity and angular rate as random walks, forgotten never.
 #[derive(Clone, Copy, Debug, PartialEq)]
