@@ -59,7 +59,8 @@ impl ReadingsObserver {
                     &self.folder.join(format!("{}.{name}.tum", reading.sensor)),
                 )?),
             };
-            file.line(&StampedPose { at: reading.at(), world_from_capsule: *pose }.tum_line())?;
+            // A replay sees what the run saw, to the last bit.
+            file.line(&StampedPose { at: reading.at(), world_from_capsule: *pose }.exact_tum_line())?;
         }
         Ok(())
     }

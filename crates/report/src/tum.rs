@@ -45,6 +45,13 @@ impl StampedPose {
         )
     }
 
+    /// Its line in a TUM file with all digits of the numbers as they are: read back it is this pose.
+    pub(crate) fn exact_tum_line(&self) -> String {
+        let (p, q) = (self.world_from_capsule.translation.vector, self.world_from_capsule.rotation.coords);
+        let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|v| format!("{v:?}"));
+        format!("{} {}", seconds_text(self.at.0), numbers.join(" "))
+    }
+
     /// Its line in a KITTI file.
     pub fn kitti_line(&self) -> String {
         let matrix = self.world_from_capsule.to_homogeneous();
