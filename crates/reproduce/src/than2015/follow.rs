@@ -293,12 +293,13 @@ mod tests {
     #[test]
     fn law_windows_before_the_first_pose_are_answered_late_or_have_failed() {
         let motion = Helix { times_faster: 1.0 };
-        let run = Run { motion: &motion, window_s: 0.05, first: 0, windows: 20, markers_capsule_m: TRIANGLE };
+        let run = Run { motion: &motion, window_s: 0.05, first: 0, windows: 40, markers_capsule_m: TRIANGLE };
         // First pose in window `from`: how many are answered late, and how many have failed.
-        for (from, late, failed) in [(0, 0, 0), (1, 1, 0), (7, 7, 0), (8, 7, 1), (10, 7, 3), (99, 0, 20)] {
+        for (from, late, failed) in [(0, 0, 0), (1, 1, 0), (23, 23, 0), (24, 23, 1), (26, 23, 3), (99, 0, 40)]
+        {
             let slow = SlowStart { from, rewound: false };
             let score = run.lead(&mut [Box::new(slow)], |_, _, _| Ok(())).unwrap().remove(0);
-            assert_eq!((score.windows, score.answered_late, score.failed_3_mm), (20, late, failed), "{from}");
+            assert_eq!((score.windows, score.answered_late, score.failed_3_mm), (40, late, failed), "{from}");
             assert_eq!(score.before_first_pose, failed);
         }
     }
