@@ -4,7 +4,7 @@
 //! capsule's way. The line budget is lifted: it would hide what is asked.
 
 use super::case::{self, Led, Path, lines_per_window, per_seed};
-use super::estimators::{Estimators, MotionPrior};
+use super::estimators::{Estimators, MotionPrior, START_WINDOWS};
 use super::motion::{Helix, Motion};
 use super::scoring::Score;
 use super::source::{Set, Source};
@@ -22,8 +22,8 @@ const ACTIVITIES: [f64; 3] = [0.1, 0.3, 1.0];
 const NOMINAL_MBQ: f64 = 1.85;
 /// At most so many windows of a case: 36 s in windows of 50 ms.
 const MOST_WINDOWS: usize = 720;
-/// Windows of a quick run.
-const QUICK_WINDOWS: usize = 8;
+/// Windows of a quick run: with the fewest lines the mixtures start after as many as they may wait for.
+const QUICK_WINDOWS: usize = START_WINDOWS + 4;
 
 struct Cell {
     window: usize,
