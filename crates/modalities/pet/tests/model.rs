@@ -86,6 +86,29 @@ fn law_gradient_and_information_are_derivatives() {
     }
 }
 
+/// What counts of a line (`BlockNoise::information_share`) counts in everything that the filter is given, and alike.
+#[test]
+fn law_of_what_lines_say_only_their_share_counts() {
+    let lines = lines(240, 40, 5);
+    let (full, mut half) = (model(&lines), model(&lines));
+    Arc::make_mut(&mut half.noise).information_share = 0.5;
+    let m = measurement(&full, &lines);
+    let mut state = NominalState::at_rest(pose());
+    state.world_from_capsule.translation.vector.x += 3e-4;
+    let said = |model: &LinesModel| match model.linearize(&m, &state).unwrap() {
+        Linearization::Information { gradient, information, log_likelihood, .. } => {
+            (gradient, information, log_likelihood)
+        }
+        Linearization::Residual { .. } => panic!("lines are information"),
+    };
+    let ((g, i, l), (g_half, i_half, l_half)) = (said(&full), said(&half));
+    assert!(g.norm() > 0.0 && (g * 0.5 - g_half).norm() == 0.0);
+    assert!((i * 0.5 - i_half).norm() == 0.0);
+    assert!((0.5 * l - l_half).abs() == 0.0);
+    let expected = |model: &LinesModel| model.expected_information(&m, &state).unwrap().unwrap();
+    assert!((expected(&full) * 0.5 - expected(&half)).norm() == 0.0);
+}
+
 /// Away from the peak, or with a handful of lines, the likelihood curves upwards somewhere: what the filter is given is still
 /// semidefinite, and its gradient still exact.
 #[test]
