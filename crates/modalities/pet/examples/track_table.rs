@@ -11,7 +11,7 @@
 #[path = "../tests/tracking/support.rs"]
 mod support;
 
-use lumenav_pet::tracking::{BlockNoise, ClassicOptions, Fcm, Mixture, MixtureOptions, Rigid, Tracker};
+use lumenav_pet::tracking::{BlockErrors, BlockNoise, ClassicOptions, Fcm, Mixture, MixtureOptions, Rigid, Tracker};
 use support::{
     Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, noise_of_law, scanner, triangle,
 };
@@ -77,12 +77,12 @@ fn main() {
     let (set, scanner) = (triangle(), scanner("reduced"));
     let noise = if physics { noise_of(&scanner) } else { noise_of_law(&scanner, &law()) };
     if physics {
-        let block = BlockNoise::of_block(
+        let errors = BlockErrors::of_block(
             &scanner,
             &support::scintillator(&scanner),
             lumenav_pet::simulation::EndPoints::Crystal,
         );
-        println!("block noise {block:?}");
+        println!("block noise {:?}", errors.law);
     }
     println!(
         "{windows} windows, ends by {source}, speed x{speed}, acceleration {acceleration} m/s2, 1 rad/s2"

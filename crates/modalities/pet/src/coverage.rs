@@ -14,7 +14,7 @@
 //! `planning::sensitivity` integrates over the physics as well, and is two hundred times slower.
 
 use crate::scanner::Scanner;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Nodes and weights of Gauss and Legendre on [-1, 1].
 const THREE_NODES: [(f64, f64); 3] =
@@ -22,6 +22,11 @@ const THREE_NODES: [(f64, f64); 3] =
 const ONE_NODE: [(f64, f64); 1] = [(0.0, 2.0)];
 /// A part of a chord that is seen under less than this takes one node, rad: it is wrong by a thousandth.
 const NARROW_RAD: f64 = 0.12;
+/// Half of the way over which a slope is taken, m: half a crystal, over which chords come into sight and leave it one by one.
+const SLOPE_STEP_M: f64 = 2e-3;
+/// Least share that directions are taken to tell of an axis: of plates far apart it is a tenth along their normal, and one pair of
+/// narrow blocks tells next to nothing there.
+const LEAST_ACROSS: f64 = 0.02;
 /// Pairs grow with the square of the blocks.
 const MOST_BLOCKS: usize = 512;
 /// Blocks whose axes differ by more than this are not on one ring, cosine.
@@ -45,6 +50,17 @@ struct Pair {
     across: Vector2<f64>,
     from_m: f64,
     to_m: f64,
+}
+
+/// Lines of a pair through a place that share their direction across the axis.
+struct Fan {
+    /// Weight of this direction.
+    angle_rad: f64,
+    /// Unit, across the axis, towards a.
+    direction: Vector2<f64>,
+    /// Least and largest slope along the axis, τ.
+    low: f64,
+    high: f64,
 }
 
 /// The pairs of blocks of a scanner, as a point sees them.
@@ -102,28 +118,69 @@ impl Coverage {
         Self { axes, chords, pairs, half_width_m, half_length_m: scanner.grid.half_length_m() }
     }
 
-    /// Steradians of directions in which a line through this place is caught; 0 outside.
-    pub fn solid_angle_sr(&self, place_world_m: &Vector3<f64>) -> f64 {
-        let p = Vector2::new(place_world_m.dot(&self.axes[0]), place_world_m.dot(&self.axes[1]));
-        let z = place_world_m.dot(&self.axes[2]);
-        let mut sum = 0.0;
-        for pair in &self.pairs {
-            let at_m = pair.across.dot(&p);
-            if at_m > pair.from_m && at_m < pair.to_m {
-                sum += self.of_pair(&self.chords[pair.a as usize], &self.chords[pair.b as usize], p, z);
-            }
+    /// `P⁻¹ ∇ ln S`, 1/m, P the mean of `1 - n nᵀ` over the directions n of the lines caught here, and the scanner's axis; `None` where
+    /// nothing is caught.
+    pub fn pull_per_m(&self, place_world_m: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let all = self.solid_angle_sr(place_world_m);
+        if all <= 0.0 {
+            return None;
         }
+        let turn = Matrix3::from_columns(&self.axes);
+        let seen = |step: Vector3<f64>| self.solid_angle_sr(&(place_world_m + turn * step));
+        let slope = Vector3::from_fn(|axis, _| {
+            let step = Vector3::ith(axis, SLOPE_STEP_M);
+            (seen(step) - seen(-step)) / (2.0 * SLOPE_STEP_M * all)
+        });
+        let across = Matrix3::identity() - self.directions(place_world_m) / all;
+        let mut eigen = across.symmetric_eigen();
+        eigen.eigenvalues.iter_mut().for_each(|told| *told = told.max(LEAST_ACROSS));
+        Some((turn * eigen.recompose().cholesky()?.solve(&slope), self.axes[2]))
+    }
+
+    /// `∫ n nᵀ` over the directions n of the lines caught here, scanner's own axes, sr.
+    fn directions(&self, place_world_m: &Vector3<f64>) -> Matrix3<f64> {
+        let mut sum = Matrix3::zeros();
+        self.each_fan(place_world_m, |fan| {
+            // cos λ dλ of cos² λ, of sin² λ, and of cos λ sin λ, between both slopes.
+            let of = |slope: f64| {
+                let (sine, cosine) = (sine(slope), (1.0 + slope * slope).sqrt().recip());
+                [sine - sine.powi(3) / 3.0, sine.powi(3) / 3.0, -cosine.powi(3) / 3.0]
+            };
+            let (high, low) = (of(fan.high), of(fan.low));
+            let [flat, along, mixed] = std::array::from_fn(|i| fan.angle_rad * (high[i] - low[i]));
+            let n = fan.direction;
+            let (xx, xy, yy) = (n.x * n.x * flat, n.x * n.y * flat, n.y * n.y * flat);
+            let (xz, yz) = (n.x * mixed, n.y * mixed);
+            sum += Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, along);
+        });
         sum
     }
 
-    fn of_pair(&self, a: &Chord, b: &Chord, p: Vector2<f64>, z: f64) -> f64 {
+    /// Steradians of directions in which a line through this place is caught; 0 outside.
+    pub fn solid_angle_sr(&self, place_world_m: &Vector3<f64>) -> f64 {
+        let mut sum = 0.0;
+        self.each_fan(place_world_m, |fan| sum += fan.angle_rad * (sine(fan.high) - sine(fan.low)));
+        sum
+    }
+
+    fn each_fan(&self, place_world_m: &Vector3<f64>, mut tell: impl FnMut(&Fan)) {
+        let p = Vector2::new(place_world_m.dot(&self.axes[0]), place_world_m.dot(&self.axes[1]));
+        let z = place_world_m.dot(&self.axes[2]);
+        for pair in &self.pairs {
+            let at_m = pair.across.dot(&p);
+            if at_m > pair.from_m && at_m < pair.to_m {
+                self.fans_of(&self.chords[pair.a as usize], &self.chords[pair.b as usize], p, z, &mut tell);
+            }
+        }
+    }
+
+    fn fans_of(&self, a: &Chord, b: &Chord, p: Vector2<f64>, z: f64, tell: &mut impl FnMut(&Fan)) {
         let to_a = (a.centre_m - p).dot(&a.outward);
         let to_b = (b.centre_m - p).dot(&b.outward);
         let Some([from, to]) = self.seen_through(a, b, p, to_a).filter(|_| to_a > 0.0 && to_b > 0.0) else {
-            return 0.0;
+            return;
         };
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-        let mut sum = 0.0;
         let nodes: &[(f64, f64)] = if to - from < NARROW_RAD * to_a { &ONE_NODE } else { &THREE_NODES };
         for (node, weight) in nodes {
             let ray = a.centre_m + a.along * (middle + half * node) - p;
@@ -134,10 +191,10 @@ impl Coverage {
             let high = ((a.z_m + l - z) / r_a).min((z - b.z_m + l) / r_b);
             // Behind b, or along it, nothing is seen.
             if r_b > 0.0 && high > low {
-                sum += weight * half * to_a / (r_a * r_a) * (sine(high) - sine(low));
+                let angle_rad = weight * half * to_a / (r_a * r_a);
+                tell(&Fan { angle_rad, direction: ray / r_a, low, high });
             }
         }
-        sum
     }
 
     /// The part of a's chord that lies behind `p` as seen from b: where the lines from b's ends through `p` meet it.
@@ -198,6 +255,36 @@ mod tests {
                 let wanted = all.iter().map(|b| b.per_positron).sum::<f64>() * std::f64::consts::TAU;
                 assert!((found / wanted - 1.0).abs() < 0.01, "{name} {place:?}: {found} {wanted}");
             }
+        }
+    }
+
+    /// Directions add up to what is seen, and what is seen falls off as the distance from the edge of two wide plates does.
+    #[test]
+    fn closed_form_directions_and_the_pull_of_an_edge() {
+        for name in ["reduced", "allegro"] {
+            let coverage = Coverage::new(&scanner(name));
+            for place in [[0.0, 0.0, 0.0], [0.057, 0.01, -0.045], [-0.02, 0.03, 0.07]] {
+                let place = Vector3::from(place);
+                let (sum, seen) = (coverage.directions(&place).trace(), coverage.solid_angle_sr(&place));
+                assert!((sum / seen - 1.0).abs() < 1e-12, "{name} {place:?}: {sum} {seen}");
+            }
+        }
+        let reduced = scanner("reduced");
+        let coverage = Coverage::new(&reduced);
+        let pull = |place: [f64; 3]| coverage.pull_per_m(&Vector3::from(place)).unwrap().0;
+        assert!(pull([0.0; 3]).norm() < 1e-9);
+        // Of both pairs, at z: the solid angle of a rectangle whose half length is the way to the nearer end.
+        let sine = |half: f64| (half / 0.43205).atan().sin();
+        let seen = |z: f64| {
+            8.0 * (sine(reduced.grid.half_width_m()) * sine(reduced.grid.half_length_m() - z)).asin()
+        };
+        for z in [0.02, 0.05, 0.07] {
+            let place = Vector3::new(0.0, 0.0, z);
+            let told = 1.0 - coverage.directions(&place)[(2, 2)] / coverage.solid_angle_sr(&place);
+            let wanted = (seen(z + 1e-4) - seen(z - 1e-4)) / (2e-4 * seen(z)) / told;
+            let (found, mirrored) = (pull([0.0, 0.0, z]), pull([0.0, 0.0, -z]));
+            assert!((found.z / wanted - 1.0).abs() < 2e-3, "{z}: {found:?} {wanted}");
+            assert!((found + mirrored).norm() < 1e-6 && found.x.abs() + found.y.abs() < 1e-6, "{found:?}");
         }
     }
 

@@ -27,7 +27,7 @@ use crate::tracking::climb::SharePrior;
 use crate::tracking::fcm::Fcm;
 use crate::tracking::likelihood::{Likelihood, Weights};
 use crate::tracking::mixture::{FIRST_BACKGROUND, FOLLOWED_GAIN, Mixture, MixtureOptions, TEST_EVERY};
-use crate::tracking::noise::{BlockNoise, LineNoise, SourceNoise};
+use crate::tracking::noise::{BlockErrors, LineNoise, SourceNoise};
 use crate::tracking::points::Points;
 use crate::tracking::rigid::Rigid;
 use crate::tracking::window::{FEWEST_LINES, Preparation, Window};
@@ -136,6 +136,7 @@ impl PetFrontEnd {
         let centroid = pose * nalgebra::Point3::from(self.markers.centroid_capsule_m());
         let how = Preparation {
             about_world_m: centroid.coords,
+            scanner_world_m: self.scanner_world_m,
             velocity_world_m_s: prior.map_or_else(Vector3::zeros, |p| p.velocity_world_m_s),
             at_s,
             budget: self.most_lines,
@@ -315,8 +316,8 @@ pub(crate) fn build(
     options: &OptionsTable,
     setup: &Setup,
 ) -> Result<Estimator, ModalityError> {
-    let block = BlockNoise::of_block(&installed.scanner, &installed.scintillator, installed.table.end_points);
-    let noise_of = |source: &SourceNoise| LineNoise::new(&installed.scanner, &block, source);
+    let errors = BlockErrors::of_block(&installed.scanner, &installed.scintillator, installed.table.end_points);
+    let noise_of = |source: &SourceNoise| LineNoise::of_block(&installed.scanner, &errors, source);
     if options.front_end == Output::Points {
         // Tracers and calibration sources are not the capsule's markers.
         let points = Points::new(options.points as usize, noise_of(&SourceNoise::default()));

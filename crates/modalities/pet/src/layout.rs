@@ -28,7 +28,7 @@ use crate::planning::Plan;
 use crate::planning::accuracy::PER_SIDE;
 use crate::planning::sensitivity::PhotonDetection;
 use crate::scanner::{Block, Scanner};
-use crate::tracking::{BlockNoise, LineNoise, SourceNoise};
+use crate::tracking::{BlockErrors, BlockNoise, LineNoise, SourceNoise};
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::config::quantity::{NonNegative, Positive};
 use lumenav_core::layout::packed_len;
@@ -78,12 +78,13 @@ pub struct ScannerLayout {
     elements: Vec<LayoutElement>,
     parameters: LayoutParameters,
     detection: PhotonDetection,
-    block_noise: BlockNoise,
+    block_law: BlockNoise,
+    /// Of the whole scanner's lines.
+    noise: LineNoise,
     phantom: Option<Phantom>,
     markers: MarkerSet,
     /// The markers with positrons per second as their activity: isotopes may differ.
     sources: MarkerSet,
-    source_noise: SourceNoise,
     window_s: f64,
     background_share: f64,
     per_side: usize,
@@ -103,17 +104,20 @@ impl ScannerLayout {
         for (source, known) in sources.markers.iter_mut().zip(&as_sources) {
             source.activity_bq *= known.isotope.positrons_per_decay();
         }
+        let errors =
+            BlockErrors::of_block(&opened.scanner, &opened.scintillator, opened.table.end_points);
         let installed_s = opened.table.window_ms.map(|window| 1e-3 * window.0);
         let period_s = setup.schedule.map(|schedule| schedule.rate_hz.0.recip());
         Ok(Self {
             elements: elements_of(&opened.scanner),
             parameters: LayoutParameters { angles: 3, nuisance: Vec::new() },
             detection: PhotonDetection::of_block(&opened.scanner, &opened.scintillator),
-            block_noise: BlockNoise::of_block(&opened.scanner, &opened.scintillator, opened.table.end_points),
+            block_law: errors.law,
+            noise: LineNoise::of_block(&opened.scanner, &errors, &SourceNoise::of_markers(&as_sources))
+                .wide_enough_for(&markers),
             window_s: table.window_s.map(|window| window.0).or(installed_s).or(period_s).unwrap_or(WINDOW_S),
             background_share: table.background_share.0,
             per_side: table.per_side as usize,
-            source_noise: SourceNoise::of_markers(&as_sources),
             scanner: opened.scanner,
             phantom: opened.phantom,
             markers,
@@ -250,8 +254,7 @@ impl Blocks {
         // The sum over directions starts from the first block of a pair: the order in which they are named must not be seen.
         chosen.sort_by_key(|(number, _)| *number);
         let scanner = layout.scanner.of_blocks(&chosen);
-        let noise = LineNoise::new(&scanner, &layout.block_noise, &layout.source_noise)
-            .wide_enough_for(&layout.markers);
+        let noise = layout.noise.of_other_blocks(&scanner, &layout.block_law);
         Self { elements: elements.to_vec(), scanner, noise }
     }
 }

@@ -56,7 +56,7 @@ pub use failure::Failure;
 pub use fcm::Fcm;
 pub use likelihood::{Evaluation, Likelihood, Weights};
 pub use mixture::{Mixture, MixtureOptions};
-pub use noise::{BlockNoise, LineNoise, SourceNoise};
+pub use noise::{BlockErrors, BlockNoise, LineNoise, SourceNoise};
 pub use points::{Points, TrackedPoint};
 pub use rigid::Rigid;
 pub use window::{Preparation, Window};

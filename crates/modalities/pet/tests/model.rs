@@ -47,7 +47,7 @@ fn lines(markers: usize, background: usize, seed: u64) -> Vec<Line> {
 fn model(lines: &[Line]) -> LinesModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models/scanners/allegro.toml");
     let scanner = Scanner::from_node(&Node::open(&file).unwrap()).unwrap();
-    let noise = LineNoise::new(&scanner, &BlockNoise::reference(), &SourceNoise::default());
+    let noise = LineNoise::of_law(&scanner, &BlockNoise::reference(), &SourceNoise::default());
     let mut window = Window::default();
     window.prepare(lines, &noise, &Preparation::about(pose().translation.vector), 3).unwrap();
     LinesModel {
@@ -86,7 +86,7 @@ fn law_gradient_and_information_are_derivatives() {
     }
 }
 
-/// What counts of a line (`BlockNoise::information_share`) counts in everything that the filter is given, and alike.
+/// What counts of a line (`LineNoise::information_share`) counts in everything that the filter is given, and alike.
 #[test]
 fn law_of_what_lines_say_only_their_share_counts() {
     let lines = lines(240, 40, 5);

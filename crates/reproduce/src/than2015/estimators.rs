@@ -5,7 +5,7 @@
 //! | `mixture alone` | this project's likelihood, one window at a time, starting from its own last pose: no motion prior |
 //! | `mixture` | the same lines as likelihood in the error-state filter, whose motion model is the prior |
 //!
-//! Line noise is computed from scanner and crystal by `BlockNoise::of_block`, not fitted to lines of the runs.
+//! Line noise is computed from scanner and crystal by `BlockErrors::of_block`, not fitted to lines of the runs.
 
 use super::follow::{Alone, Followed, Follower, Window};
 use super::scoring::placed;
@@ -21,7 +21,7 @@ use lumenav_pet::model::LinesModel;
 use lumenav_pet::payload;
 use lumenav_pet::tracking::mixture::FIRST_BACKGROUND;
 use lumenav_pet::tracking::{
-    BlockNoise, Budget, ClassicOptions, Fcm, Likelihood, LineNoise, Mixture, MixtureOptions, Rigid, Weights,
+    BlockErrors, Budget, ClassicOptions, Fcm, Likelihood, LineNoise, Mixture, MixtureOptions, Rigid, Weights,
     Window as PreparedWindow,
 };
 use nalgebra::{Isometry3, Vector3};
@@ -95,8 +95,8 @@ pub struct Estimators {
 impl Estimators {
     /// For a set-up: its markers as installed, its scanner's line noise.
     pub fn new(set: &Set) -> Self {
-        let block = BlockNoise::of_block(&set.scanner, &set.scintillator, set.settings.end_points);
-        let noise = Arc::new(LineNoise::new(&set.scanner, &block, &set.source_noise));
+        let errors = BlockErrors::of_block(&set.scanner, &set.scintillator, set.settings.end_points);
+        let noise = Arc::new(LineNoise::of_block(&set.scanner, &errors, &set.source_noise));
         Self { set: set.clone(), noise }
     }
 

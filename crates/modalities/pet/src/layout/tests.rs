@@ -94,14 +94,14 @@ fn closed_form_all_blocks_say_what_the_plan_expects() {
     let crystals = Scintillator::from_node(&open("scintillators/gso.toml")).unwrap();
     let scanner =
         Scanner::from_node(&open("scanners/reduced.toml")).unwrap().with_interaction_depth(&crystals);
-    let block = BlockNoise::of_block(&scanner, &crystals, EndPoints::Crystal);
+    let errors = BlockErrors::of_block(&scanner, &crystals, EndPoints::Crystal);
     let plan = Plan {
         scanner: &scanner,
         detection: &PhotonDetection::of_block(&scanner, &crystals),
         // A core of half a millimetre, and a range of 0.4 mm in the mean: R²/5 + 2 (0.2 mm)².
-        noise: &LineNoise::new(
+        noise: &LineNoise::of_block(
             &scanner,
-            &block,
+            &errors,
             &SourceNoise { variance_m2: 0.0625e-6 / 5.0 + 0.08e-6, ..SourceNoise::default() },
         ),
         phantom: Some(&Phantom::from_node(&open("phantoms/water-20.toml")).unwrap()),

@@ -161,7 +161,7 @@ mod tests {
         let scanner = Scanner::from_node(&open(format!("scanners/{scanner}.toml"))).unwrap();
         let gso = Scintillator::from_node(&open("scintillators/gso.toml".to_owned())).unwrap();
         Parts {
-            noise: LineNoise::new(&scanner, &BlockNoise::reference(), &SourceNoise::default()),
+            noise: LineNoise::of_law(&scanner, &BlockNoise::reference(), &SourceNoise::default()),
             detection: PhotonDetection::of_block(&scanner, &gso),
             phantom: Phantom::from_node(&open(format!("phantoms/{phantom}.toml"))).unwrap(),
             markers: MarkerSet::from_capsule(&open(format!("capsules/{capsule}.toml")), "pet", 3).unwrap(),

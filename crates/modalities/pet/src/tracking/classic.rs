@@ -132,8 +132,7 @@ impl Classic {
         let about_world_m =
             place.or(self.memory.centroid_world_m).unwrap_or_else(|| super::window::middle_m(lines));
         let budget = self.options.budget.lines(self.body.len(), self.memory.background_share);
-        let velocity_world_m_s = Vector3::zeros();
-        let how = Preparation { about_world_m, velocity_world_m_s, at_s: 0.0, budget };
+        let how = Preparation { budget, ..Preparation::about(about_world_m) };
         self.window.load(lines, &how, FEWEST_KEPT)?;
         let spared_m = if self.options.spare_body { self.body.spared_m } else { 0.0 };
         let centre = self.centroid.find(&self.window, self.options.weight, spared_m)?;

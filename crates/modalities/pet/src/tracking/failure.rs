@@ -106,14 +106,13 @@ pub enum Failure {
         /// The least and the most.
         allowed_mm: [f64; 2],
     },
-    /// Independent points are numbered where all of them are seen, and that was not yet so.
-    #[error(
-        "{found} of {points} points found; which is which is told from the first window on that shows all of them"
-    )]
+    /// Independent points are numbered where all of them are seen, and that was not yet so; or of those that were lost one is back that
+    /// could be any.
+    #[error("{found} of {points} points found; which is which is not clear before all of them are seen")]
     Unnumbered {
         /// Points found.
         found: usize,
-        /// How many there are.
+        /// How many there are, or were lost.
         points: usize,
     },
     /// Two independent points are nearer to each other than the region within which the background of each is taken as even.

@@ -190,6 +190,11 @@ impl Mixture {
         pose.transform_point(&self.body.centroid_m.into()).coords
     }
 
+    /// All lines, at rest, about a place in the scanner where it is now.
+    fn about(&self, place_world_m: Vector3<f64>) -> Preparation {
+        Preparation { scanner_world_m: self.shares.scanner_world_m, ..Preparation::about(place_world_m) }
+    }
+
     /// A climb from a pose that is believed.
     fn follow(
         &mut self,
@@ -201,10 +206,10 @@ impl Mixture {
         // Lines spread evenly over a window: their mean is its middle.
         let at_s = start::mean_time_s(lines).unwrap_or(0.0);
         let how = Preparation {
-            about_world_m: self.place_of(start),
             velocity_world_m_s,
             at_s,
             budget: self.budget(),
+            ..self.about(self.place_of(start))
         };
         self.window.prepare(lines, &self.noise, &how, self.needed())?;
         Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, (FULL_STEPS, FINE)))

@@ -17,8 +17,9 @@
 //! **Which is which.** Points look alike; they are numbered by x, then y, then z in the first window that shows all of them, and none is
 //! answered before ([`Failure::Unnumbered`]), so that trackers shown the same lines give them the same numbers. From then on a
 //! number goes with the place: a point that was lost keeps the place where it was last, and what is found anew takes the numbers
-//! that are free so that the sum of squared ways `Σ |now - last|²` is least (Kuhn 1955; the likeliest under a random walk). Points that
-//! change places unseen are exchanged; nothing in their lines could tell.
+//! that are free so that the sum of squared ways by the windows since then, `Σ |now - last|²/t`, is least (Kuhn 1955; the likeliest under a
+//! random walk). Where more are lost than are found, one that could nearly as well be another is not answered until those are back
+//! too. Points that change places unseen are exchanged; nothing in their lines could tell.
 
 use super::densest::{Densest, PASSING_M, distance_m};
 use super::failure::Failure;
@@ -51,6 +52,8 @@ const FLOOR_PER_LINE: f64 = 1.0 / (3e-3 * 3e-3);
 const FIRST_BACKGROUND: f64 = 0.3;
 /// A point that explains less than this share of what it did is searched for as well.
 const FALL: f64 = 0.5;
+/// Of fewer points than are lost, one takes a number where every other is so many times as unlikely a way, squared: twice as far.
+const CLEARLY: i64 = 4;
 /// How fast what a point explains is forgotten, per window.
 const FORGETTING: f64 = 0.1;
 
@@ -74,8 +77,8 @@ pub struct PointMemory {
     pub position_world_m: Option<Vector3<f64>>,
     /// Share of a window's lines that it explains.
     pub share: f64,
-    /// Whether the last window showed it.
-    pub seen: bool,
+    /// Windows since one showed it.
+    pub unseen: u32,
 }
 
 /// Follows a fixed number of points.
@@ -131,10 +134,10 @@ impl Points {
     pub fn track(&mut self, lines: &[Line]) -> (Vec<Result<TrackedPoint, Failure>>, Vec<Role>) {
         let mut found: Vec<Result<TrackedPoint, Failure>> =
             (0..self.memory.len()).map(|k| self.follow(k, lines)).collect();
+        self.refuse_neighbours(&mut found);
         if found.iter().any(Result::is_err) {
             self.search_missing(lines, &mut found);
         }
-        self.refuse_neighbours(&mut found);
         self.refuse_unnumbered(&mut found);
         self.learn(lines, &found);
         let roles = self.roles(lines, &found);
@@ -143,8 +146,8 @@ impl Points {
 
     /// A climb from where the point was.
     fn follow(&mut self, point: usize, lines: &[Line]) -> Result<TrackedPoint, Failure> {
-        let PointMemory { position_world_m, share, seen } = self.memory[point];
-        let Some(start) = position_world_m.filter(|_| seen) else {
+        let PointMemory { position_world_m, share, unseen } = self.memory[point];
+        let Some(start) = position_world_m.filter(|_| unseen == 0) else {
             return Err(Failure::Background { effective: 0.0, background: 100.0, needed: LINES_NEEDED });
         };
         let found = self.climb(lines, &start).and_then(|top| self.judged(&top, lines, false))?;
@@ -162,7 +165,7 @@ impl Points {
     fn search_missing(&mut self, lines: &[Line], found: &mut [Result<TrackedPoint, Failure>]) {
         let missing: Vec<usize> = (0..found.len()).filter(|k| found[*k].is_err()).collect();
         let mut known: Vec<Vector3<f64>> = found.iter().flatten().map(|p| p.position_world_m).collect();
-        let mut new = Vec::new();
+        let mut new: Vec<TrackedPoint> = Vec::new();
         let mut why = None;
         for _ in &missing {
             let is_free = |line: &&Line| {
@@ -170,7 +173,8 @@ impl Points {
             };
             let free: Vec<Line> = lines.iter().filter(is_free).copied().collect();
             let Some(start) = Densest::default().find(&free) else { break };
-            match self.climb(lines, &start).and_then(|top| self.judged(&top, lines, true)) {
+            let top = self.climb(lines, &start).and_then(|top| self.judged(&top, lines, true));
+            match top.and_then(|point| self.apart(point, found, &new, &missing)) {
                 Ok(point) => {
                     known.push(point.position_world_m);
                     new.push(point);
@@ -181,30 +185,77 @@ impl Points {
                 }
             }
         }
-        let numbers = self.numbers(&missing, &mut new);
         if let Some(why) = why {
             // What a search ended with says more than that the point is gone.
             missing.iter().for_each(|k| found[*k] = Err(why.clone()));
         }
-        for (number, point) in numbers.into_iter().zip(new) {
-            found[number] = Ok(point);
+        for (number, point) in self.numbered(&missing, new) {
+            found[number] = point;
         }
     }
 
-    /// The numbers of new points, of the free ones: by place the first time, then with the least squared ways. Sorts the points.
-    fn numbers(&self, free: &[usize], new: &mut [TrackedPoint]) -> Vec<usize> {
+    /// A new point, unless it is too close to one that is followed or was found before it, and with more lines.
+    fn apart(
+        &self,
+        point: TrackedPoint,
+        found: &[Result<TrackedPoint, Failure>],
+        new: &[TrackedPoint],
+        missing: &[usize],
+    ) -> Result<TrackedPoint, Failure> {
+        let followed = found.iter().enumerate().filter_map(|(k, p)| Some((k, p.as_ref().ok()?)));
+        // Which numbers new points will have is not told yet: they stand in the order in which they were found.
+        let mut others = followed.chain(missing.iter().copied().zip(new));
+        let apart_m =
+            |other: &TrackedPoint| (point.position_world_m - other.position_world_m).norm();
+        match others.find(|(_, other)| apart_m(other) < self.least_apart_m()) {
+            Some((number, other)) => {
+                let own = missing.get(new.len()).copied().unwrap_or(number);
+                Err(self.too_close([number, own], apart_m(other)))
+            }
+            None => Ok(point),
+        }
+    }
+
+    /// Nearer points disturb each other's background.
+    fn least_apart_m(&self) -> f64 {
+        2.0 * self.noise.background_radius_m
+    }
+
+    fn too_close(&self, pair: [usize; 2], apart_m: f64) -> Failure {
+        Failure::TooClose { pair, distance_mm: 1e3 * apart_m, allowed_mm: 1e3 * self.least_apart_m() }
+    }
+
+    /// New points under the free numbers: by place the first time, then with the least squared ways, where these are clear.
+    fn numbered(
+        &self,
+        free: &[usize],
+        mut new: Vec<TrackedPoint>,
+    ) -> Vec<(usize, Result<TrackedPoint, Failure>)> {
         new.sort_by(|a, b| by_place(&a.position_world_m, &b.position_world_m));
         let last: Option<Vec<_>> = free.iter().map(|k| self.memory[*k].position_world_m).collect();
-        let (Some(last), false) = (last, new.is_empty()) else { return free.to_vec() };
-        let squared_um = |new: &TrackedPoint, last: &Vector3<f64>| {
-            (1e12 * (new.position_world_m - last).norm_squared()).min(1e15) as i64
+        let (Some(last), false) = (last, new.is_empty()) else {
+            return free.iter().copied().zip(new.into_iter().map(Ok)).collect();
         };
-        let ways = new.iter().map(|point| last.iter().map(|last| squared_um(point, last)));
-        match Matrix::from_rows(ways) {
-            Ok(ways) => kuhn_munkres_min(&ways).1.into_iter().map(|column| free[column]).collect(),
-            // Rows of one length always make a matrix.
-            Err(_) => free.to_vec(),
-        }
+        let squared_um = |new: &TrackedPoint, (number, last): (&usize, &Vector3<f64>)| {
+            let windows = f64::from(self.memory[*number].unseen + 1);
+            (1e12 * (new.position_world_m - last).norm_squared() / windows).min(1e15) as i64
+        };
+        let ways: Vec<Vec<i64>> = new
+            .iter()
+            .map(|point| free.iter().zip(&last).map(|way| squared_um(point, way)).collect())
+            .collect();
+        // Rows of one length always make a matrix.
+        let Ok(matrix) = Matrix::from_rows(ways.clone()) else { return Vec::new() };
+        let all_are_back = new.len() == free.len();
+        let is_clear = |row: &[i64], column: usize| {
+            all_are_back || (0..row.len()).all(|other| other == column || row[column] <= row[other] / CLEARLY)
+        };
+        let rows = kuhn_munkres_min(&matrix).1.into_iter().zip(&ways).zip(&new);
+        rows.map(|((column, row), point)| {
+            let unclear = Failure::Unnumbered { found: new.len(), points: free.len() };
+            (free[column], if is_clear(row, column) { Ok(*point) } else { Err(unclear) })
+        })
+        .collect()
     }
 
     /// To the top of the likelihood.
@@ -298,25 +349,15 @@ impl Points {
         }
     }
 
-    /// Of two that are too close, the one that came further is none, and of new ones the one with fewer lines.
+    /// Of two that are followed and came too close, the one that came further is none.
     fn refuse_neighbours(&self, found: &mut [Result<TrackedPoint, Failure>]) {
-        let allowed_m = 2.0 * self.noise.background_radius_m;
         for i in 0..found.len() {
             for j in i + 1..found.len() {
                 let (Ok(a), Ok(b)) = (&found[i], &found[j]) else { continue };
                 let apart_m = (a.position_world_m - b.position_world_m).norm();
-                if apart_m < allowed_m {
-                    let weaker = match (self.way_m(i, a), self.way_m(j, b)) {
-                        (Some(way_i_m), Some(way_j_m)) if way_i_m > way_j_m => i,
-                        (Some(_), Some(_)) => j,
-                        _ if a.lines < b.lines => i,
-                        _ => j,
-                    };
-                    found[weaker] = Err(Failure::TooClose {
-                        pair: [i, j],
-                        distance_mm: 1e3 * apart_m,
-                        allowed_mm: 1e3 * allowed_m,
-                    });
+                if apart_m < self.least_apart_m() {
+                    let weaker = if self.way_m(i, a) > self.way_m(j, b) { i } else { j };
+                    found[weaker] = Err(self.too_close([i, j], apart_m));
                 }
             }
         }
@@ -330,14 +371,14 @@ impl Points {
     fn learn(&mut self, lines: &[Line], found: &[Result<TrackedPoint, Failure>]) {
         for (memory, found) in self.memory.iter_mut().zip(found) {
             let Ok(point) = found else {
-                memory.seen = false;
+                memory.unseen = memory.unseen.saturating_add(1);
                 continue;
             };
             let share = point.lines / lines.len().max(1) as f64;
-            let known = memory.seen && !point.searched;
+            let known = memory.unseen == 0 && !point.searched;
             memory.share = if known { memory.share + FORGETTING * (share - memory.share) } else { share };
             memory.position_world_m = Some(point.position_world_m);
-            memory.seen = true;
+            memory.unseen = 0;
         }
     }
 

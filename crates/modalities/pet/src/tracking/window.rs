@@ -5,7 +5,8 @@
 //! basis `(e1, e2)` of the plane perpendicular to it; the offset of a point M from the line is `u = (e1·(c - M), e2·(c - M))`, c
 //! the line's foot point. A component k of the noise has the precision `P_k` (2 x 2) in that basis and the density at its middle
 //! `c_k = π_k √det P_k / 2π`; [`super::noise`] says where they come from. The covariance is taken where the line passes `origin`: over
-//! the 13 mm of a marker set it changes by less than 3 per cent.
+//! the 13 mm of a marker set it changes by less than 3 per cent. There, too, the lines are drawn back by how far those that the scanner
+//! sees lie beside their marker ([`LineNoise::beside`]).
 
 use super::failure::Failure;
 use super::lanes::{Eight, Four, LANES, Three, cross, dot, splat3, three};
@@ -136,6 +137,7 @@ struct Ends {
 #[derive(Clone, Debug, Default)]
 pub struct Window {
     pub(crate) origin_world_m: Vector3<f64>,
+    scanner_world_m: Vector3<f64>,
     pub(crate) rays: Vec<Rays>,
     /// Of the lines that pass near: the others are no one's, they count for nothing.
     pub(crate) shapes: Vec<Shapes>,
@@ -157,6 +159,8 @@ pub struct Window {
 pub struct Preparation {
     /// A point near the markers: the prediction, or the lines' centroid.
     pub about_world_m: Vector3<f64>,
+    /// Where the scanner's middle is: a bed carries the world through it.
+    pub scanner_world_m: Vector3<f64>,
     /// Lines are carried along this velocity to `at_s`, m/s.
     pub velocity_world_m_s: Vector3<f64>,
     /// The window's middle, s; not looked at where the velocity is zero.
@@ -168,7 +172,13 @@ pub struct Preparation {
 impl Preparation {
     /// All lines, at rest, about a point.
     pub fn about(about_world_m: Vector3<f64>) -> Self {
-        Self { about_world_m, velocity_world_m_s: Vector3::zeros(), at_s: 0.0, budget: None }
+        Self {
+            about_world_m,
+            scanner_world_m: Vector3::zeros(),
+            velocity_world_m_s: Vector3::zeros(),
+            at_s: 0.0,
+            budget: None,
+        }
     }
 }
 
@@ -208,6 +218,7 @@ impl Window {
         self.shapes.clear();
         self.narrow_shapes.clear();
         self.origin_world_m = how.about_world_m;
+        self.scanner_world_m = how.scanner_world_m;
         // Without a budget, or within it, all are taken.
         let most = how.budget.filter(|most| *most < lines.len());
         let even = most.map(|most| {
@@ -246,7 +257,8 @@ impl Window {
         self.choose_near(noise);
         self.shapes.clear();
         let (ends, origin, shapes) = (&self.near_ends, &self.origin_world_m, &mut self.shapes);
-        Arch::new().dispatch(ToShapes { ends, origin, noise, shapes });
+        let beside = noise.beside(&(origin - self.scanner_world_m));
+        Arch::new().dispatch(ToShapes { ends, origin, beside: &beside, noise, shapes });
         ToNarrow { packs: &self.shapes, narrow: &mut self.narrow_shapes }.run();
         self.background_per_m2 = 1.0 / (std::f64::consts::PI * noise.background_radius_m.powi(2));
     }
@@ -411,6 +423,7 @@ impl WithSimd for ToRays<'_> {
 struct ToShapes<'a> {
     ends: &'a [Ends],
     origin: &'a Vector3<f64>,
+    beside: &'a Vector3<f64>,
     noise: &'a LineNoise,
     shapes: &'a mut Vec<Shapes>,
 }
@@ -420,9 +433,9 @@ impl WithSimd for ToShapes<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let origin = splat3(self.origin);
+        let [origin, beside] = [self.origin, self.beside].map(splat3);
         for ends in self.ends {
-            self.shapes.push(shapes_of(ends, &rays_of(ends), &origin, self.noise));
+            self.shapes.push(shapes_of(ends, &rays_of(ends), &origin, &beside, self.noise));
         }
     }
 }
@@ -451,7 +464,7 @@ fn flat(e1: &Three, e2: &Three, c: &[Four; 6], round: Four) -> [Four; 3] {
 }
 
 #[inline(always)]
-fn shapes_of(ends: &Ends, rays: &Rays, origin: &Three, noise: &LineNoise) -> Shapes {
+fn shapes_of(ends: &Ends, rays: &Rays, origin: &Three, beside: &Three, noise: &LineNoise) -> Shapes {
     let one = Four::splat(1.0);
     let n = &rays.direction;
     // Duff et al. 2017: a basis without a singular direction.
@@ -493,7 +506,9 @@ fn shapes_of(ends: &Ends, rays: &Rays, origin: &Three, noise: &LineNoise) -> Sha
         peak[k] =
             Four::splat(noise.component_shares[k] / std::f64::consts::TAU) * inverse.sqrt() * ends.filled;
     }
-    let at = [dot(&e1, &rays.foot_m), dot(&e2, &rays.foot_m)];
+    // A marker's lines lie about where they are seen in the mean, beside it.
+    let foot_m: Three = three!(i => rays.foot_m[i] - beside[i]);
+    let at = [dot(&e1, &foot_m), dot(&e2, &foot_m)];
     // Even among the lines that pass near.
     let radius = Four::splat(noise.background_radius_m);
     let background = Four::splat(1.0) / (Four::splat(std::f64::consts::PI) * radius * radius);

@@ -1,6 +1,6 @@
 //! A tracker that is led to a wrong place by a prediction, and by enough lines there to hold it.
 
-use super::support::{Ends, Generator, WINDOW_S, helix, noise_of, scanner, triangle};
+use super::support::{Ends, Generator, WINDOW_S, helix, noise_of_drawn, scanner, triangle};
 use lumenav_core::PriorUse;
 use lumenav_pet::tracking::mixture::{STACK, TEST_EVERY};
 use lumenav_pet::tracking::{Failure, Mixture, MixtureOptions, Prior, Tracker};
@@ -25,7 +25,7 @@ fn answers(seed: u64, lines: [usize; 3]) -> Vec<Answer> {
     let capsule = helix(0.0, 1.0);
     let decoy = Translation3::new(5e-3, 45e-3, -5e-3) * capsule;
     let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), triangle(), seed);
-    let mut tracker = Mixture::new(&triangle(), noise_of(&scanner), MixtureOptions::default());
+    let mut tracker = Mixture::new(&triangle(), noise_of_drawn(&scanner), MixtureOptions::default());
     let prior = Prior {
         world_from_capsule: decoy,
         covariance: Matrix6::identity() * 1e-8,

@@ -1,6 +1,6 @@
 //! A capsule at the axial end of the scanner, where one marker is seen by twice as many pairs of crystals as the next.
 
-use super::support::{Ends, Generator, WINDOW_S, capsule, marker_errors, noise_of, scanner};
+use super::support::{Ends, Generator, WINDOW_S, capsule, marker_errors, noise_of, noise_of_drawn, scanner};
 use lumenav_pet::Line;
 use lumenav_pet::tracking::{Mixture, MixtureOptions, Tracker};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -21,7 +21,7 @@ fn law_markers_are_as_bright_as_the_scanner_sees_them() {
     let (mut counted, mut told, mut error_m, mut given) = ([0.0; 3], [0.0; 3], 0.0, 0);
     for seed in 301..=306 {
         let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), set.clone(), seed);
-        let mut tracker = Mixture::new(&set, noise_of(&scanner), MixtureOptions::default());
+        let mut tracker = Mixture::new(&set, noise_of_drawn(&scanner), MixtureOptions::default());
         for w in 0..WINDOWS {
             let (lines, origins) = generator.window(&|_| pose, w as f64 * WINDOW_S, LINES, BACKGROUND);
             let Ok(tracked) = tracker.track(&lines, None) else { continue };

@@ -1,7 +1,7 @@
 //! Table 4.3 in seconds: the trackers on the helix with few lines, from the small generator (physics of the blocks, seed of its own).
 
 use super::support::{
-    Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, scanner, triangle,
+    Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of_drawn, scanner, triangle,
 };
 use lumenav_pet::tracking::{Mixture, MixtureOptions};
 
@@ -11,7 +11,7 @@ const SETTLING: usize = 20;
 /// Mean marker error after the first second, mm, wrong windows (3 mm) and refused windows of all.
 fn row(lines: f64, true_share: f64, windows: usize, seed: u64) -> (f64, usize, usize) {
     let (set, scanner) = (triangle(), scanner("reduced"));
-    let mut tracker = Mixture::new(&set, noise_of(&scanner), MixtureOptions::default());
+    let mut tracker = Mixture::new(&set, noise_of_drawn(&scanner), MixtureOptions::default());
     let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), set.clone(), seed);
     let mut filter = MotionFilter::new(0.03, 1.0);
     let motion = |t: f64| helix(t, 1.0);

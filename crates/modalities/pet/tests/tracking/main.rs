@@ -6,6 +6,7 @@ mod consistency;
 mod doubt;
 mod edge;
 mod few_lines;
+mod field;
 mod misuse;
 mod parallax;
 mod points;

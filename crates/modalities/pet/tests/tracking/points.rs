@@ -2,7 +2,7 @@
 
 use super::support::{Ends, Generator, noise_of_law, scanner, scintillator, set};
 use lumenav_pet::simulation::EndPoints;
-use lumenav_pet::tracking::{BlockNoise, Failure, Points, Role, TrackedPoint};
+use lumenav_pet::tracking::{BlockErrors, BlockNoise, Failure, Points, Role, TrackedPoint};
 use lumenav_pet::{Line, Scanner};
 use nalgebra::{Isometry3, Vector3};
 
@@ -15,7 +15,7 @@ struct Bench {
 
 fn bench() -> Bench {
     let scanner = scanner("adac-forte");
-    let law = BlockNoise::of_block(&scanner, &scintillator(&scanner), EndPoints::Crystal);
+    let law = BlockErrors::of_block(&scanner, &scintillator(&scanner), EndPoints::Crystal).law;
     Bench { scanner, law }
 }
 
@@ -174,5 +174,57 @@ fn law_points_that_were_lost_keep_their_numbers_wherever_they_come_back() {
         assert!(next(&mut background, 0.0, 0).iter().all(Result::is_err));
         let back = next(&mut generator, 0.0, 160);
         assert!(is_at(&back[0], PLACES_MM[0], 0.0) && is_at(&back[1], PLACES_MM[1], 0.0), "{back:?}");
+    }
+}
+
+#[test]
+fn law_a_point_that_comes_back_alone_somewhere_between_waits_for_the_other() {
+    let bench = bench();
+    let mut points = bench.points(2);
+    let mut seed = 40;
+    let mut next = |places_mm: &[[f64; 3]]| {
+        seed += 1;
+        let mut generator = bench.generator(if places_mm.is_empty() { &PLACES_MM } else { places_mm }, seed);
+        let marked = 80 * places_mm.len();
+        points.track(&generator.window(&still, 0.05 * seed as f64, marked, 60).0).0
+    };
+    let x_mm = |found: &Result<TrackedPoint, Failure>| {
+        found.as_ref().map_or(f64::NAN, |point| 1e3 * point.position_world_m.x)
+    };
+    assert!(next(&PLACES_MM).iter().all(Result::is_ok));
+    assert!(next(&[]).iter().all(Result::is_err));
+    // The second, 90 mm on its way, stands nearer to where the first was.
+    let between = [0.0, -30.0, -40.0];
+    let alone = next(&[between]);
+    assert!(alone.contains(&Err(Failure::Unnumbered { found: 1, points: 2 })), "{alone:?}");
+    assert!(alone.iter().all(Result::is_err), "{alone:?}");
+    let both = next(&[between, [-120.0, 20.0, 10.0]]);
+    let [first, second] = [&both[0], &both[1]].map(|found| x_mm(found));
+    assert!((first + 120.0).abs() < 8.0 && second.abs() < 8.0, "{both:?}");
+    // Lost the longer, gone the further: the first was seen until now, the second has had eight windows.
+    for _ in 0..8 {
+        assert!(next(&[[-120.0, 20.0, 10.0]])[0].is_ok());
+    }
+    assert!(next(&[]).iter().all(Result::is_err));
+    let alone = next(&[[-55.0, -30.0, -40.0]]);
+    assert!(alone[0].is_err() && (x_mm(&alone[1]) + 55.0).abs() < 8.0, "{alone:?}");
+}
+
+#[test]
+fn law_a_point_that_is_searched_for_does_not_evict_one_that_is_followed() {
+    let bench = bench();
+    let mut points = bench.points(2);
+    let (first, second) = ([0.0, 0.0, 0.0], [62.0, 0.0, 0.0]);
+    let windows: [(&[[f64; 3]], [bool; 2]); 3] = [
+        (&[first, second], [true, true]),
+        (&[first], [true, false]),
+        // Back where it was, while the first has come 5 mm nearer: too close.
+        (&[[5.0, 0.0, 0.0], second], [true, false]),
+    ];
+    for (w, (places_mm, answered)) in windows.into_iter().enumerate() {
+        let mut generator = bench.generator(places_mm, 60 + w as u64);
+        let lines = generator.window(&still, 0.05 * w as f64, 150 * places_mm.len(), 40).0;
+        let found = points.track(&lines).0;
+        assert_eq!([found[0].is_ok(), found[1].is_ok()], answered, "window {w}: {found:?}");
     }
 }

@@ -1,6 +1,6 @@
 //! A first pose from several windows together, and answers that go back in time from it.
 
-use super::support::{Ends, Generator, WINDOW_S, helix, marker_errors, noise_of, scanner, triangle};
+use super::support::{Ends, Generator, WINDOW_S, helix, marker_errors, noise_of_drawn, scanner, triangle};
 use lumenav_pet::Line;
 use lumenav_pet::tracking::mixture::STACK;
 use lumenav_pet::tracking::{Failure, Mixture, MixtureOptions, Tracker, rewind};
@@ -20,7 +20,7 @@ fn windows(seed: u64, count: usize) -> Vec<Vec<Line>> {
 
 fn tracker(start_windows: usize) -> Mixture {
     let options = MixtureOptions { start_windows, ..MixtureOptions::default() };
-    Mixture::new(&triangle(), noise_of(&scanner("reduced")), options)
+    Mixture::new(&triangle(), noise_of_drawn(&scanner("reduced")), options)
 }
 
 fn middle_s(window: usize) -> f64 {
@@ -97,7 +97,7 @@ fn law_a_start_waits_for_what_it_needs() {
         for seed in 131..=142 {
             let scanner = scanner("reduced");
             let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), triangle(), seed);
-            let mut tracker = Mixture::new(&triangle(), noise_of(&scanner), options());
+            let mut tracker = Mixture::new(&triangle(), noise_of_drawn(&scanner), options());
             let motion = |t: f64| helix(t, 1.0);
             for w in 0..24 {
                 let lines = generator.poisson_window(&motion, w as f64 * WINDOW_S, mean_lines, true_share);

@@ -9,7 +9,7 @@ use lumenav_core::pose::{exp_so3, ominus, oplus};
 use lumenav_core::{Node, PriorUse, RandomStream, RandomStreams};
 use lumenav_pet::simulation::block::{BlockPhysics, passes_window};
 use lumenav_pet::simulation::{Photon, Scintillator};
-use lumenav_pet::tracking::{BlockNoise, LineNoise, Prior, Reinitialized, SourceNoise, Tracked, Tracker};
+use lumenav_pet::tracking::{BlockErrors, BlockNoise, LineNoise, Prior, Reinitialized, SourceNoise, Tracked, Tracker};
 use lumenav_pet::{CrystalIndex, Line, MarkerSet, Scanner};
 use nalgebra::{Isometry3, Matrix6, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 use rand::RngExt as _;
@@ -370,12 +370,21 @@ impl MotionFilter {
 
 /// The line noise of a scanner as an estimator computes it.
 pub fn noise_of(scanner: &Scanner) -> LineNoise {
-    let block =
-        BlockNoise::of_block(scanner, &scintillator(scanner), lumenav_pet::simulation::EndPoints::Crystal);
-    LineNoise::new(scanner, &block, &SourceNoise::default())
+    let errors =
+        BlockErrors::of_block(scanner, &scintillator(scanner), lumenav_pet::simulation::EndPoints::Crystal);
+    LineNoise::of_block(scanner, &errors, &SourceNoise::default())
+}
+
+/// The same for lines of [`Ends::physics`], of which the edges of the field cut off none.
+pub fn noise_of_drawn(scanner: &Scanner) -> LineNoise {
+    let errors =
+        BlockErrors::of_block(scanner, &scintillator(scanner), lumenav_pet::simulation::EndPoints::Crystal);
+    let mut noise = LineNoise::of_law(scanner, &errors.law, &SourceNoise::default());
+    noise.information_share = noise_of(scanner).information_share;
+    noise
 }
 
 /// The line noise whose law is [`Ends::Law`]'s.
 pub fn noise_of_law(scanner: &Scanner, law: &BlockNoise) -> LineNoise {
-    LineNoise::new(scanner, law, &SourceNoise::default())
+    LineNoise::of_law(scanner, law, &SourceNoise::default())
 }

@@ -12,7 +12,7 @@ use std::path::Path;
 fn noise() -> LineNoise {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models/scanners/allegro.toml");
     let scanner = Scanner::from_node(&Node::open(&path).unwrap()).unwrap();
-    LineNoise::new(&scanner, &BlockNoise::reference(), &SourceNoise::default())
+    LineNoise::of_law(&scanner, &BlockNoise::reference(), &SourceNoise::default())
 }
 
 /// Markers within 12 mm of the capsule's origin.

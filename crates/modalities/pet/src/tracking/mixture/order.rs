@@ -20,7 +20,7 @@ impl Mixture {
         orders.extend((0..self.body.permutations.len()).map(|turn| (0.0, turn)));
         for at in 0..self.memory.recent.len() {
             let (lines, pose) = &self.memory.recent[at];
-            let about = Preparation::about(pose.transform_point(&self.body.centroid_m.into()).coords);
+            let about = self.about(pose.transform_point(&self.body.centroid_m.into()).coords);
             let how = Preparation { budget: Some(TEST_LINES), ..about };
             if self.other.prepare(lines, &self.noise, &how, 1).is_err() {
                 continue;

@@ -69,7 +69,7 @@ impl Mixture {
     /// Climbs from all candidates of a search in `self.window`; the tops are added to `self.tops`.
     pub(super) fn search(&mut self, lines: &[Line]) -> Result<(), Failure> {
         let about = self.memory.centroid_world_m.unwrap_or_default();
-        let how = Preparation { budget: Some(self.search_budget()), ..Preparation::about(about) };
+        let how = Preparation { budget: Some(self.search_budget()), ..self.about(about) };
         self.window.load(lines, &how, self.needed())?;
         let centre = self.centroid.find(&self.window, Weight::Uniform, self.body.spared_m)?;
         self.window.move_origin(&(about + centre));
@@ -181,7 +181,7 @@ impl Mixture {
 
     /// The gain of a top over the lines that a search looks at.
     pub(super) fn gain_in_search(&mut self, lines: &[Line], top: &Top) -> f64 {
-        let about = Preparation::about(self.place_of(&top.pose));
+        let about = self.about(self.place_of(&top.pose));
         let how = Preparation { budget: Some(self.search_budget()), ..about };
         if self.other.prepare(lines, &self.noise, &how, self.needed()).is_err() {
             return f64::NEG_INFINITY;

@@ -220,7 +220,9 @@ impl Mixture {
     /// What poses that explain the stack nearly as well add to the covariance about the best: `Σ w d dᵀ`, d their way from it and w their share
     /// of the likelihood.
     fn spread_of_rivals(&self, best: &Moving, rivals: &[Moving]) -> Matrix12 {
-        let odds = |rival: &Moving| (rival.top.gain - best.top.gain).exp();
+        // Lines count by their share: it is in the odds, and is taken back from what the covariance is divided by in the end.
+        let share = self.noise.information_share;
+        let odds = |rival: &Moving| (share * (rival.top.gain - best.top.gain)).exp();
         let all = 1.0 + rivals.iter().map(odds).sum::<f64>();
         let mut spread = Matrix12::zeros();
         for rival in rivals {
@@ -230,7 +232,7 @@ impl Mixture {
             way.fixed_rows_mut::<3>(6).copy_from(&(rival.velocity - best.velocity));
             let rate = twin.rotation.inverse() * (rival.top.pose.rotation * rival.rate);
             way.fixed_rows_mut::<3>(9).copy_from(&(rate - best.rate));
-            spread += way * way.transpose() * (odds(rival) / all);
+            spread += way * way.transpose() * (share * odds(rival) / all);
         }
         spread
     }
@@ -247,10 +249,10 @@ impl Mixture {
             let Some(at_s) = mean_time_s(lines) else { continue };
             let about = self.place_of(&pose) + velocity * (at_s - middle_s);
             let how = Preparation {
-                about_world_m: about,
                 velocity_world_m_s: velocity,
                 at_s,
                 budget: self.budget(),
+                ..self.about(about)
             };
             let mut window = Window::default();
             // A window with hardly a line is left out.
