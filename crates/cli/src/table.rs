@@ -4,7 +4,7 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
 use lumenav::evaluation::plausibility::SpeedFigures;
 use lumenav::report::{
-    ExpectVerdict, Metrics, MotionFigures, PairDistance, PeriodFigures, SensorMetrics, Timing, TrackMetrics,
+    ExpectOverTrials, ExpectVerdict, Metrics, MotionFigures, PairDistance, PeriodFigures, SensorMetrics, Timing, TrackMetrics,
     TrackRest, Trials,
 };
 use lumenav::reproduce;
@@ -252,18 +252,52 @@ fn expectations(metrics: &Metrics) -> Vec<String> {
     lines
 }
 
-/// What was asked and what came, in words.
-pub fn verdict(verdict: &ExpectVerdict) -> String {
-    let number = |v: f64| format!("{v:.4}").trim_end_matches('0').trim_end_matches('.').to_owned();
-    let allowed = match verdict.allowed.map(|end| end.map(number)) {
+/// So many trials that are not as expected are named.
+const MOST_NAMED: usize = 8;
+
+/// Four digits behind the point at most.
+fn short(v: f64) -> String {
+    format!("{v:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// What a figure may be, in words.
+fn allowed(ends: [Option<f64>; 2]) -> String {
+    match ends.map(|end| end.map(short)) {
         [Some(least), Some(most)] => format!("{least} to {most}"),
         [Some(least), None] => format!("{least} or more"),
         [None, Some(most)] => format!("{most} or less"),
         [None, None] => "any".to_owned(),
+    }
+}
+
+/// What was asked of all trials and what came, in words.
+pub fn verdict_over_trials(over: &ExpectOverTrials) -> String {
+    let met = if over.unmet.is_empty() { "as expected" } else { "NOT AS EXPECTED" };
+    let figures = over.range.map_or_else(
+        || "nothing to tell it from".to_owned(),
+        |[least, most]| format!("{} to {}", short(least), short(most)),
+    );
+    let count = over.trials - over.unmet.len() as u64;
+    let which = if over.unmet.is_empty() {
+        String::new()
+    } else {
+        let first: Vec<String> = over.unmet.iter().take(MOST_NAMED).map(u64::to_string).collect();
+        let more = if over.unmet.len() > MOST_NAMED { ", …" } else { "" };
+        format!("; not in trial {}{more}", first.join(", "))
     };
-    let figure = verdict.figure.map_or_else(|| "nothing to tell it from".to_owned(), number);
+    format!(
+        "{met} in {count} of {} trials: {}: {figures} (expected: {}){which}",
+        over.trials,
+        over.quantity,
+        allowed(over.allowed)
+    )
+}
+
+/// What was asked and what came, in words.
+pub fn verdict(verdict: &ExpectVerdict) -> String {
+    let figure = verdict.figure.map_or_else(|| "nothing to tell it from".to_owned(), short);
     let met = if verdict.met { "as expected" } else { "NOT AS EXPECTED" };
-    format!("{met}: {}: {figure} (expected: {allowed})", verdict.quantity)
+    format!("{met}: {}: {figure} (expected: {})", verdict.quantity, allowed(verdict.allowed))
 }
 
 /// Refusals in words; `None` where there were none.
@@ -310,6 +344,9 @@ pub fn of_trials(trials: &Trials) -> String {
         ]);
     }
     let mut text = figures.table();
+    for over in &trials.expected {
+        text = format!("{text}\n{}", verdict_over_trials(over));
+    }
     for (name, t) in &trials.tracks {
         if let Some(verdict) = &t.verdict {
             text = format!("{text}\n{name}: {verdict}{}", limits_of(t.availability.map(|a| a.mean)));

@@ -107,6 +107,7 @@ pub fn tracks(
                 sensor: name.clone(),
                 front_end: estimator.front_end,
                 motion_input: estimator.motion_input,
+                taken: None,
             });
         }
         let setup = FilterSetup { blocks: blocks(&inputs), prior: track.prior.as_ref(), map: map.cloned() };

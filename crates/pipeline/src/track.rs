@@ -14,6 +14,9 @@ use lumenav_fusion::{Filter, Hindsight, Offered, Refused, Turn, Verdict};
 use std::sync::Arc;
 use std::time::Instant;
 
+/// Why a filter is not given a reading that shares time with the last one.
+const REPEATED: &str = "its window overlaps the last one: a filter would count what they share twice";
+
 /// What a track says after one reading.
 #[derive(Debug, Default)]
 pub struct Step {
@@ -46,6 +49,16 @@ pub struct Input {
     pub front_end: Option<Box<dyn FrontEnd>>,
     /// Drives the prediction.
     pub motion_input: Option<Arc<dyn MotionInput>>,
+    /// The interval of the last reading that a front end was shown for a filter.
+    pub taken: Option<(SimTime, SimTime)>,
+}
+
+impl Input {
+    /// Whether a reading repeats a part of the last one: windows that overlap. Each by itself tells a pose; to a filter they would be
+    /// independent measurements, and what they share would count twice.
+    fn repeats(&self, interval: (SimTime, SimTime)) -> bool {
+        self.taken.is_some_and(|taken| interval.0 < taken.1 && taken.0 < interval.1)
+    }
 }
 
 /// A running track.
@@ -116,7 +129,16 @@ impl Track {
             let refusal = Some(refusal(refused));
             steps.push(Step { refusal, compute_s: begin.elapsed().as_secs_f64(), ..Step::default() });
         }
+        let repeats = self.filter.is_some() && input.repeats(reading.interval);
         let Some(front_end) = &mut input.front_end else { return Ok(self.with_hindsight(steps)) };
+        if repeats {
+            let refusal = Some(Refusal::FrontEnd { why: REPEATED.to_owned() });
+            let estimate = self.predicted(reading.at(), reading.arrival);
+            let step = Step { estimate, refusal, ..Step::default() };
+            steps.push(self.published(step, reading.at()));
+            return Ok(self.with_hindsight(steps));
+        }
+        input.taken = Some(reading.interval);
         let prior: Option<PosePrior> = self.filter.as_ref().and_then(|f| f.predicted_pose(reading.at()));
         let outcome = front_end.process(reading, prior.as_ref())?;
         if let Some(filter) = &mut self.filter {

@@ -56,7 +56,7 @@ fn node(text: &str) -> Node {
 
 fn track(filter: &str) -> Track {
     let input =
-        |name: &str| Input { sensor: Name::from(name), front_end: Some(Box::new(Line)), motion_input: None };
+        |name: &str| Input { sensor: Name::from(name), front_end: Some(Box::new(Line)), motion_input: None, taken: None };
     let inputs = vec![input("fast"), input("slow")];
     let setup = FilterSetup { blocks: blocks(&inputs), ..FilterSetup::default() };
     let filter = lumenav_fusion::build(&node(filter), &setup).unwrap();
@@ -105,6 +105,24 @@ fn law_a_gating_filter_is_judged_at_every_instant() {
     assert!((20..25).all(|k| published[k + 1].2 > published[k].2));
     assert!(published[26].2 < published[25].2);
     assert_eq!(track.filter().unwrap().counters().gated, 6);
+}
+
+/// Windows that overlap are independent to nobody: a filter takes every one that begins behind the last it took. Without a filter each answers
+/// for itself.
+#[test]
+fn law_a_filter_counts_what_two_windows_share_once() {
+    let overlapping = |k: i64| {
+        let reading = reading("fast", k, tenth(k) + 200_000_000, 0.5 * k as f64);
+        Reading { interval: (tenth(k), tenth(k) + 200_000_000), ..reading }
+    };
+    let mut filtered = track("kind = \"eskf\"");
+    let mut alone = track("kind = \"none\"");
+    for k in 0..20 {
+        let step = one(&mut filtered, &overlapping(k));
+        let refused = matches!(&step.refusal, Some(Refusal::FrontEnd { why }) if why.contains("overlaps"));
+        assert_eq!(refused, k % 2 == 1, "{k}: {:?}", step.refusal);
+        assert!(one(&mut alone, &overlapping(k)).refusal.is_none(), "{k}");
+    }
 }
 
 /// The instant at which a belief is given up has its last prediction: the worst moment is judged as well.
@@ -190,7 +208,7 @@ impl MotionInput for Still {
 fn law_a_measurement_behind_the_gyroscope_is_no_revision() {
     let mut track = track("kind = \"eskf\"");
     let motion: Arc<dyn MotionInput> = Arc::new(Still);
-    track.inputs.push(Input { sensor: Name::from("gyro"), front_end: None, motion_input: Some(motion) });
+    track.inputs.push(Input { sensor: Name::from("gyro"), front_end: None, motion_input: Some(motion), taken: None });
     for k in 1..30 {
         let mut rate = reading("gyro", k, tenth(k), 0.0);
         rate.interval.0 = tenth(k - 1);
@@ -242,7 +260,7 @@ fn law_a_filter_table_is_refused_with_what_is_allowed() {
     let mut alone = track("kind = \"none\"");
     let step = one(&mut alone, &reading("fast", 0, tenth(0), 7.0));
     assert!(alone.filter().is_none() && step.estimate.is_some());
-    let inputs = vec![Input { sensor: Name::from("gyro"), front_end: None, motion_input: None }];
+    let inputs = vec![Input { sensor: Name::from("gyro"), front_end: None, motion_input: None, taken: None }];
     let refused = Track::new(Name::from("t"), inputs, None, &node("")).err().unwrap().to_string();
     assert!(refused.contains("every sensor needs a front end"), "{refused}");
 }
@@ -277,6 +295,7 @@ fn law_a_track_claims_no_more_than_its_sensors_resolve() {
         sensor: Name::from(name),
         front_end: Some(front_end),
         motion_input: None,
+        taken: None,
     };
     for filter in ["kind = \"none\"", "kind = \"eskf\""] {
         let one_sensor = vec![input("fast", Box::new(WithoutRoll))];

@@ -34,6 +34,9 @@ pub struct TrackRest {
     pub figures: Option<RestFigures>,
 }
 
+/// Fewer say nothing of a spread: figures are asked to rest on so many, unless the file asks for more.
+pub const LEAST_INSTANTS: u32 = 3;
+
 /// One thing that a scenario asks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExpectVerdict {
@@ -59,6 +62,11 @@ impl Expectations {
     /// Holds the figures against what is asked.
     fn judge<'a>(&mut self, asked: &ExpectTable, tracks: impl Iterator<Item = &'a Name>) {
         let at_most = |limit: f64| [None, Some(limit)];
+        // Nothing at all is no fewer than none.
+        let enough = |what: &str, count: usize, least: Option<u32>| {
+            let least = f64::from(least.unwrap_or(LEAST_INSTANTS));
+            ExpectVerdict::new(what.to_owned(), Some(count as f64), [Some(least), None])
+        };
         let mut all = Vec::new();
         if let Some(limit) = asked.max_speed_m_s {
             let least = asked.speed_share.map_or(1.0, |share| share.0);
@@ -66,11 +74,21 @@ impl Expectations {
                 let quantity = format!("share of the steps of {track} within {} m/s", limit.0);
                 let figure = self.speed.get(&**track).map(|speed| speed.share_within);
                 all.push(ExpectVerdict::new(quantity, figure, [Some(least), None]));
+                let steps = self.speed.get(&**track).map_or(0, |speed| speed.steps);
+                all.push(enough(&format!("steps of {track}"), steps, asked.least_steps));
             }
         }
         for (pair, asked) in self.distance.iter().zip(&asked.distance) {
             let what = format!("distance {} - {}", pair.tracks[0], pair.tracks[1]);
             let figures = pair.figures.as_ref();
+            let is_asked = asked.mm.is_some()
+                || asked.max_robust_sd_mm.is_some()
+                || asked.max_outlier_share.is_some()
+                || asked.least_instants.is_some();
+            if is_asked {
+                let instants = figures.map_or(0, |d| d.instants);
+                all.push(enough(&format!("{what}, instants"), instants, asked.least_instants));
+            }
             if let Some([low, high]) = asked.mm {
                 let mean = figures.map(|d| d.mean_without_outliers_mm);
                 let quantity = format!("{what}, mean without outliers, mm");
@@ -87,6 +105,13 @@ impl Expectations {
         }
         for (rest, asked) in self.rest.iter().zip(&asked.rest) {
             let (what, figures) = (format!("rest of {}", rest.track), rest.figures.as_ref());
+            let is_asked = asked.max_robust_sd_mm.is_some()
+                || asked.max_outlier_share.is_some()
+                || asked.least_instants.is_some();
+            if is_asked {
+                let instants = figures.map_or(0, |r| r.instants);
+                all.push(enough(&format!("{what}, instants"), instants, asked.least_instants));
+            }
             if let Some(limit) = asked.max_robust_sd_mm {
                 let sd = figures.map(|r| r.robust_sd_mm.into_iter().fold(0.0, f64::max));
                 let quantity = format!("{what}, largest robust sd along an axis, mm");

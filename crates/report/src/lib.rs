@@ -52,7 +52,7 @@ pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
 pub use timing::{Timing, TimingObserver, TrackTiming};
 pub use tracks::{TRACKS_SCHEMA_VERSION, TracksInfo, TracksObserver, for_each_track_row, read_tracks};
-pub use trials::{
+pub use trials::{ExpectOverTrials, 
     Availability, Instants, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, PeriodOverTrials, Trials,
     TrialsCollector, TrialsOfTrack, write_trials,
 };

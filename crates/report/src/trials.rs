@@ -7,6 +7,7 @@
 //! Figures are read back from the trials' own files, in the order of the trials: equal for any number of threads.
 
 use crate::error::ReportError;
+use crate::expected::ExpectVerdict;
 use crate::file::OutputFile;
 use crate::metrics::{Metrics, TrackMetrics};
 use crate::tracks::for_each_track_row;
@@ -44,6 +45,44 @@ pub struct Trials {
     pub tracks: BTreeMap<String, TrialsOfTrack>,
     /// Every pair of tracks; p-values are corrected for making them all.
     pub comparisons: Vec<PairOfTracks>,
+    /// What the scenario expects, and in how many trials it is so.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub expected: Vec<ExpectOverTrials>,
+}
+
+/// One thing that a scenario asks (`[expect]`), over trials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExpectOverTrials {
+    /// What is asked, in words, with its unit.
+    pub quantity: String,
+    /// The least and the most that it may be; `null`: no such end.
+    pub allowed: [Option<f64>; 2],
+    /// Trials that ended well.
+    pub trials: u64,
+    /// The trials, by their number, in which it is not so.
+    pub unmet: Vec<u64>,
+    /// The least and the largest figure of a trial; `null` where none has one.
+    pub range: Option<[f64; 2]>,
+}
+
+impl ExpectOverTrials {
+    fn take(all: &mut Vec<Self>, trial: u64, verdict: &ExpectVerdict) {
+        let known = all.iter().position(|known| known.quantity == verdict.quantity);
+        let at = known.unwrap_or_else(|| {
+            let (quantity, allowed) = (verdict.quantity.clone(), verdict.allowed);
+            all.push(Self { quantity, allowed, trials: 0, unmet: Vec::new(), range: None });
+            all.len() - 1
+        });
+        let over = &mut all[at];
+        over.trials += 1;
+        if !verdict.met {
+            over.unmet.push(trial);
+        }
+        if let Some(figure) = verdict.figure {
+            let [least, most] = over.range.unwrap_or([figure; 2]);
+            over.range = Some([least.min(figure), most.max(figure)]);
+        }
+    }
 }
 
 /// One track over trials.
@@ -126,6 +165,7 @@ pub struct TrialsCollector {
     /// Mean error of both tracks of a pair, over the instants that both were judged at.
     pairs: BTreeMap<(String, String), BTreeMap<Trial, (f64, f64)>>,
     instants: BTreeMap<(String, String), Instants>,
+    expected: Vec<ExpectOverTrials>,
 }
 
 /// How many of the instants of a pair of tracks are common.
@@ -176,6 +216,9 @@ impl TrialsCollector {
         self.seen += 1;
         self.first.get_or_insert_with(|| (metrics.scenario.clone(), metrics.seed));
         let trial = (metrics.seed, metrics.trial);
+        for verdict in &metrics.expected.verdicts {
+            ExpectOverTrials::take(&mut self.expected, metrics.trial, verdict);
+        }
         for (name, figures) in &metrics.tracks {
             self.tracks.entry(name.clone()).or_default().take(trial, figures);
         }
@@ -242,7 +285,16 @@ impl TrialsCollector {
         }
         let (scenario, seed) = self.first.clone().unwrap_or_default();
         let comparisons = self.comparisons(&settings, &random)?;
-        Ok(Trials { schema: 1, scenario, seed, trials: self.seen, failed: self.failed, tracks, comparisons })
+        Ok(Trials {
+            schema: 1,
+            scenario,
+            seed,
+            trials: self.seen,
+            failed: self.failed,
+            tracks,
+            comparisons,
+            expected: self.expected,
+        })
     }
 
     fn comparisons(

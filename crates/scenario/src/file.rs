@@ -53,9 +53,10 @@ pub(crate) const TRACT_SOURCES: [(&str, &str); 6] = [
     ("tether.density_kg_m3", "believed: of polymers"),
     ("tether.held", "chosen: somebody holds it"),
 ];
-pub(crate) const EXPECT_SOURCES: [(&str, &str); 4] = [
+pub(crate) const EXPECT_SOURCES: [(&str, &str); 5] = [
     ("max_speed_m_s", "chosen: nothing is expected that the file does not say"),
     ("speed_share", "chosen: what cannot move faster never does"),
+    ("least_steps", "chosen: one that is followed at all is followed for three"),
     ("distance", "chosen: nothing is expected that the file does not say"),
     ("rest", "chosen: nothing is expected that the file does not say"),
 ];
@@ -341,6 +342,8 @@ pub struct ExpectTable {
     pub max_speed_m_s: Option<Positive>,
     /// Least share of the steps that must be as slow as that. Default 1: all.
     pub speed_share: Option<Fraction>,
+    /// Least steps that a track must have made to be judged so. Default 3.
+    pub least_steps: Option<u32>,
     /// Pairs of tracks whose distance is reported.
     pub distance: Vec<DistanceTable>,
     /// Tracks of what rests.
@@ -355,6 +358,8 @@ pub struct DistanceTable {
     pub tracks: [String; 2],
     /// From where to where their mean distance without outliers must lie, mm; absent: anywhere.
     pub mm: Option<[NonNegative; 2]>,
+    /// Least instants at which both must have an estimate to be judged so. Default 3.
+    pub least_instants: Option<u32>,
     /// Largest robust standard deviation of the distance, mm; absent: any.
     pub max_robust_sd_mm: Option<Positive>,
     /// Largest share of outliers, 0 to 1; absent: any.
@@ -367,6 +372,8 @@ pub struct DistanceTable {
 pub struct RestTable {
     /// The track.
     pub track: String,
+    /// Least estimates to be judged by. Default 3.
+    pub least_instants: Option<u32>,
     /// Largest robust standard deviation along any axis, mm; absent: any.
     pub max_robust_sd_mm: Option<Positive>,
     /// Largest share of outliers, 0 to 1; absent: any.
@@ -555,6 +562,9 @@ fn read_expectations(node: &Node, tracks: &[TrackEntry]) -> Result<ExpectTable, 
         return Err(
             table.error_at("speed_share", "a share of the steps within which speed? Give `max_speed_m_s`")
         );
+    }
+    if expect.least_steps.is_some() && expect.max_speed_m_s.is_none() {
+        return Err(table.error_at("least_steps", "steps within which speed? Give `max_speed_m_s`"));
     }
     for (rest, entry) in expect.rest.iter().zip(table.children("rest")?) {
         check_track(&rest.track, "track", &entry)?;

@@ -189,8 +189,18 @@ pub fn print_result(
     } else if verbosity != Verbosity::Quiet {
         print_table(folder, metrics)?;
     }
-    let unmet: Vec<String> = metrics.expected.unmet().map(table::verdict).collect();
-    if unmet.is_empty() { Ok(()) } else { Err(Unexpected(unmet.join("; ")).into()) }
+    let (unmet, asked) = (metrics.expected.unmet().count(), metrics.expected.verdicts.len());
+    if unmet == 0 {
+        return Ok(());
+    }
+    // Which, the table has said; where none was printed, it is said here.
+    let which: Vec<String> = if json || verbosity == Verbosity::Quiet {
+        metrics.expected.unmet().map(table::verdict).collect()
+    } else {
+        Vec::new()
+    };
+    let which = if which.is_empty() { String::new() } else { format!(": {}", which.join("; ")) };
+    Err(Unexpected(format!("{unmet} of {asked} expectations are not met{which}")).into())
 }
 
 fn print_table(folder: &Path, metrics: &Metrics) -> anyhow::Result<()> {

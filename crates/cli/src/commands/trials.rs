@@ -7,7 +7,7 @@
 
 use super::run::Job;
 use crate::args::Verbosity;
-use crate::exit::was_stopped;
+use crate::exit::{Unexpected, was_stopped};
 use crate::progress::Progress;
 use crate::table;
 use anyhow::{Context as _, bail};
@@ -163,11 +163,24 @@ fn finish(
             std::fs::remove_dir_all(&old).with_context(|| format!("cannot remove {}", old.display()))?;
         }
         print_trials(&trials, out, job.options.json, verbosity)?;
+        if failures.is_empty() {
+            return as_expected(&trials);
+        }
     }
     match failures.into_iter().next() {
         Some(first) => Err(first),
         None => Ok(()),
     }
+}
+
+/// What is asked of every trial; the table above has said which trials are not so.
+fn as_expected(trials: &Trials) -> anyhow::Result<()> {
+    let unmet = trials.expected.iter().filter(|over| !over.unmet.is_empty()).count();
+    if unmet == 0 {
+        return Ok(());
+    }
+    let asked = trials.expected.len();
+    Err(Unexpected(format!("{unmet} of {asked} expectations are not met in every trial")).into())
 }
 
 fn print_trials(trials: &Trials, out: &Path, json: bool, verbosity: Verbosity) -> anyhow::Result<()> {

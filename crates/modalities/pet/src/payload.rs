@@ -46,6 +46,13 @@ impl Columns {
         self.valid.len()
     }
 
+    /// Both ends of each line that is one, mm.
+    pub(crate) fn ends_mm(&self) -> impl Iterator<Item = [[f64; 3]; 2]> {
+        let end = |k: usize, first: usize| std::array::from_fn(|axis| self.columns[first + axis][k]);
+        let is_line = |k: &usize| self.valid[*k];
+        (0..self.len()).filter(is_line).map(move |k| [end(k, 1), end(k, 4)])
+    }
+
     pub(crate) fn clear(&mut self) {
         self.columns.iter_mut().for_each(Vec::clear);
         self.valid.clear();

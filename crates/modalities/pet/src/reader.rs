@@ -162,7 +162,7 @@ pub fn open(scanner: &Scanner, node: &Node, setup: &Setup) -> Result<ReadingStre
         return Err(node.error_at("format", message).into());
     }
     if format == Format::Readings {
-        return Ok(Box::new(saved::SavedReader::open(&path, node, &files, setup)?));
+        return Ok(Box::new(saved::SavedReader::open(&path, scanner, node, &files, setup)?));
     }
     if !files.poses.is_empty() {
         return Err(node.error_at("poses", "only saved readings have poses beside them").into());

@@ -22,6 +22,9 @@ use nalgebra::Vector3;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
+/// Ends of recorded lines may lie so far beside a block, m: rings are told as circles, places at the face or behind the crystals.
+const BESIDE_A_BLOCK_M: f64 = 0.010;
+
 /// `[scanner]`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -368,6 +371,21 @@ impl Scanner {
                 && p.x.abs() <= half_width_m
                 && p.y.abs() <= half_length_m
         })
+    }
+
+    /// Refuses an end of a recorded line that lies at no block: lines that are not this scanner's would be followed like any others.
+    ///
+    /// # Errors
+    /// In words.
+    pub(crate) fn check_end(&self, end_world_mm: [f64; 3]) -> Result<(), String> {
+        if self.is_at_a_block(&(Vector3::from(end_world_mm) * 1e-3), BESIDE_A_BLOCK_M) {
+            return Ok(());
+        }
+        let ([x, y, z], most_mm) = (end_world_mm, 1e3 * BESIDE_A_BLOCK_M);
+        Err(format!(
+            "an end at ({x:.1}, {y:.1}, {z:.1}) mm is at no block of scanner `{}` (allowed: up to {most_mm:.0} mm beside one); places must be in mm and from the scanner's centre",
+            self.name
+        ))
     }
 
     /// The block nearest to a place: for end points that a file gives without indices.

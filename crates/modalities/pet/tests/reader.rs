@@ -305,7 +305,7 @@ fn law_lines_that_are_not_the_scanners_are_bad_rows() {
         let all = folder.read("allegro", "lines = \"a.csv\"\nbad_rows = \"skip\"").unwrap();
         assert_eq!(all.len(), ROWS.len() + 1, "{what}");
         let last = all.last().unwrap().as_ref().unwrap_err().to_string();
-        assert!(last.contains("a.csv") && last.contains("no line in this file"), "{what}: {last}");
+        assert!(last.contains("a.csv") && last.contains("all 4 rows were refused"), "{what}: {last}");
     }
     // Between the blocks of the reduced scanner, which the full ring has.
     let turned = "1.0,311,311,0,-311,-311,0\n";
@@ -379,6 +379,9 @@ fn law_bad_tables_are_refused_by_key() {
 }
 
 /// Saved readings as `--save-readings` lays them out: an empty one, a masked event, a late one.
+/// Numbers whose last bits are easily lost.
+const ODD: [f64; 7] = [0.1 + 0.2, -0.0, 440.0 + 1.0 / 3.0, 5e-324, 4.0 / 7.0, -440.7, 0.1];
+
 fn saved() -> String {
     let mut text = format!("t_s,sequence,start_s,end_s,arrival_s,{HEADER}");
     let place = |n: u64, start: f64, late: f64| {
@@ -390,7 +393,7 @@ fn saved() -> String {
     text += &(place(1, 0.05, 0.0) + ",,,,,,\n");
     text += &(place(3, 0.15, 0.0) + &text_of(&[ROWS[3]], ","));
     text += &(place(3, 0.15, 0.0) + ",,,,,,\n");
-    text += &(place(2, 0.1, 0.2) + &text_of(&[[0.1 + 0.2, -0.0, 1.0 / 3.0, 5e-324, 4.0, 5.0, 6.0]], ","));
+    text += &(place(2, 0.1, 0.2) + &text_of(&[ODD], ","));
     text
 }
 
@@ -409,8 +412,7 @@ fn law_saved_readings_read_back_to_the_same_readings() {
     assert_eq!(readings[3].arrival, SimTime(350_000_000));
     assert_eq!(readings[3].known_poses["bed"].translation.vector.z, 0.3);
     let last = rows_of(&readings[3..]);
-    let wanted = [0.1 + 0.2, -0.0, 1.0 / 3.0, 5e-324, 4.0, 5.0, 6.0];
-    assert_eq!(last[0].map(f64::to_bits), wanted.map(f64::to_bits));
+    assert_eq!(last[0].map(f64::to_bits), ODD.map(f64::to_bits));
     assert_eq!(rows_of(&readings[..1]), ROWS[..2]);
     folder.write("pet.bed.tum", "0.025 0 0 0.1 0 0 0 1\n");
     let message = folder.error("allegro", "lines = \"pet.csv\"\nposes = { bed = \"pet.bed.tum\" }");
@@ -442,6 +444,26 @@ fn law_bad_saved_rows_name_their_line() {
     folder.write("pet.csv", &text[..text.len() - 3]);
     let message = folder.error("allegro", "lines = \"pet.csv\"");
     assert!(message.contains("pet.csv:7: ") && message.contains("cut"), "{message}");
+}
+
+#[test]
+fn law_saved_readings_of_another_scanner_or_of_nothing_are_refused() {
+    let folder = Folder::new();
+    folder.write("pet.csv", saved().replace("440.1", "340.1"));
+    let message = folder.error("allegro", "lines = \"pet.csv\"");
+    assert!(message.contains("pet.csv:2: an end at (") && message.contains("`allegro`"), "{message}");
+    // The scanner stood 100 mm up: its own places are 100 mm lower than the world's.
+    let up = ROWS.map(|row| [row[0], row[1], row[2], row[3] + 100.0, row[4], row[5], row[6] + 100.0]);
+    let head = format!("t_s,sequence,start_s,end_s,arrival_s,{HEADER}");
+    folder.write("pet.csv", head.clone() + "0.025,0,0,0.05,0.05," + &text_of(&up[..1], ","));
+    let moved = "lines = \"pet.csv\"\nposes = { scanner = \"pet.scanner.tum\" }";
+    for (z_m, is_there) in [("0.1", true), ("0", false)] {
+        folder.write("pet.scanner.tum", format!("0.025 0 0 {z_m} 0 0 0 1\n"));
+        assert_eq!(folder.read("allegro", moved).unwrap().iter().all(Result::is_ok), is_there, "{z_m}");
+    }
+    folder.write("pet.csv", head);
+    let message = folder.error("allegro", "lines = \"pet.csv\"");
+    assert!(message.contains("no reading in this file"), "{message}");
 }
 
 /// A Parquet file of `DOUBLE` columns.

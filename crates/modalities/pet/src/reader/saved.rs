@@ -3,13 +3,14 @@
 
 use super::windows::MAX_WINDOW_LINES;
 use super::{FilesTable, LineRow, check, header};
-use crate::payload::{COLUMNS, Columns};
+use crate::Scanner;
+use crate::payload::{COLUMNS, Columns, SCANNER};
 use lumenav_core::{ModalityError, Name, Node, Reading, Recorded, Setup, SimTime};
 use lumenav_records::BadRows;
 use lumenav_records::place::{MAX_TIME_S, Place};
 use lumenav_records::rows::{Cells, RawRow, RowReader, Separator, shown};
 use lumenav_records::tum;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -30,15 +31,18 @@ pub(super) struct SavedReader {
     rows: RowReader,
     sensor: Name,
     bad_rows: BadRows,
+    scanner: Scanner,
     poses: BTreeMap<String, Vec<(SimTime, Isometry3<f64>)>>,
     gathered: Option<Gathered>,
     last: Option<(SimTime, u64)>,
+    has_read: bool,
     failed: bool,
 }
 
 impl SavedReader {
     pub(super) fn open(
         path: &Path,
+        scanner: &Scanner,
         node: &Node,
         files: &FilesTable,
         setup: &Setup,
@@ -71,9 +75,11 @@ impl SavedReader {
             rows,
             sensor: setup.sensor.clone(),
             bad_rows: files.bad_rows,
+            scanner: scanner.clone(),
             poses,
             gathered: None,
             last: None,
+            has_read: false,
             failed: false,
         })
     }
@@ -105,9 +111,14 @@ impl SavedReader {
                 Step::Whole(whole) => *whole,
                 Step::End => match self.gathered.take() {
                     Some(last) => last,
-                    None => return Ok(None),
+                    None if self.has_read => return Ok(None),
+                    None => {
+                        self.failed = true;
+                        return Err(self.rows.error("no reading in this file"));
+                    }
                 },
             };
+            self.has_read = true;
             return self.finish(whole).map(Some);
         }
     }
@@ -117,14 +128,22 @@ impl SavedReader {
             gathered.columns.clear();
         }
         let at = SimTime::middle(gathered.place.interval);
+        let error = |message: String| ModalityError::Row {
+            file: self.rows.file().to_owned(),
+            line: gathered.line,
+            message,
+        };
         let mut known_poses = BTreeMap::new();
         for (name, poses) in &self.poses {
             let Ok(found) = poses.binary_search_by_key(&at, |(t, _)| *t) else {
-                let message = format!("the file of pose `{name}` has none at {:.6} s", at.seconds());
-                let file = self.rows.file().to_owned();
-                return Err(ModalityError::Row { file, line: gathered.line, message });
+                return Err(error(format!("the file of pose `{name}` has none at {:.6} s", at.seconds())));
             };
             known_poses.insert(name.clone(), poses[found].1);
+        }
+        // Where the scanner was moved, the world's places are put back into its frame.
+        let scanner = known_poses.get(SCANNER).map_or_else(Vector3::zeros, |pose| 1e3 * pose.translation.vector);
+        for end in gathered.columns.ends_mm().flatten() {
+            self.scanner.check_end((Vector3::from(end) - scanner).into()).map_err(error)?;
         }
         Ok(Reading {
             sensor: self.sensor.clone(),

@@ -6,15 +6,12 @@ use crate::payload::Columns;
 use lumenav_core::{ModalityError, Name, Node, Reading, Recorded, Setup, SimTime};
 use lumenav_records::BadRows;
 use lumenav_records::place::MAX_TIME_S;
-use nalgebra::Vector3;
 use std::collections::{BTreeMap, VecDeque};
 
 /// More lines than this in one window are a wrong unit of time: 2,400 is a full ring's 50 ms.
 pub(super) const MAX_WINDOW_LINES: usize = 1 << 20;
 /// Windows shorter or longer than this are a wrong unit, ms.
 const WINDOW_RANGE_MS: (f64, f64) = (0.01, 1e9);
-/// Ends may lie so far beside a block, m: rings are told as circles, places at the face or behind the crystals.
-const BESIDE_A_BLOCK_M: f64 = 0.010;
 /// Windows that share more than this with the next one never come to an end.
 const MAX_OVERLAP: f64 = 0.99;
 
@@ -45,6 +42,8 @@ pub(super) struct Windows {
     start_ns: Option<i64>,
     last_ns: Option<i64>,
     sequence: u64,
+    /// Rows that were passed over.
+    refused: u64,
     is_at_end: bool,
     failed: bool,
 }
@@ -72,6 +71,7 @@ impl Windows {
             start_ns: None,
             last_ns: None,
             sequence: 0,
+            refused: 0,
             is_at_end: false,
             failed: false,
         })
@@ -114,21 +114,10 @@ impl Windows {
         Ok(())
     }
 
-    /// Lines that are not this scanner's would be followed like any others.
     fn check_ends(&self, row: &LineRow) -> Result<(), ModalityError> {
-        for end in [&row[1..4], &row[4..7]] {
-            let place_m = Vector3::from_column_slice(end) * 1e-3;
-            if !self.scanner.is_at_a_block(&place_m, BESIDE_A_BLOCK_M) {
-                let message = format!(
-                    "an end at ({:.1}, {:.1}, {:.1}) mm is at no block of scanner `{}` (allowed: up to {:.0} mm beside one); places must be in mm and from the scanner's centre (`origin_mm`)",
-                    end[0],
-                    end[1],
-                    end[2],
-                    self.scanner.name,
-                    1e3 * BESIDE_A_BLOCK_M
-                );
-                return Err(self.source.error(&message));
-            }
+        let [_, x1, y1, z1, x2, y2, z2] = *row;
+        for end in [[x1, y1, z1], [x2, y2, z2]] {
+            self.scanner.check_end(end).map_err(|why| self.source.error(&format!("{why} (`origin_mm`)")))?;
         }
         Ok(())
     }
@@ -153,7 +142,11 @@ impl Windows {
             let Some((at_ns, _)) = self.ahead else {
                 if self.last_ns.is_none() {
                     self.failed = true;
-                    return Err(self.source.error("no line in this file"));
+                    let message = match self.refused {
+                        0 => "no line in this file".to_owned(),
+                        refused => format!("no line of this file is one of scanner `{}`: all {refused} rows were refused", self.scanner.name),
+                    };
+                    return Err(self.source.error(&message));
                 }
                 return Ok(self.fresh > 0);
             };
@@ -273,6 +266,7 @@ impl Iterator for Windows {
         Some(match reading {
             Ok(reading) => Ok(Recorded::Reading(reading)),
             Err(error @ ModalityError::Row { .. }) if self.bad_rows == BadRows::Skip && !self.failed => {
+                self.refused += 1;
                 Ok(Recorded::Skipped(error))
             }
             Err(error) => {
