@@ -8,6 +8,7 @@ use crate::markers::{Marker, MarkerSet};
 use crate::scanner::{ChangesTable, Scanner};
 use crate::simulation::{EndPoints, Isotope, Mode, Scintillator, SourceMarker};
 use crate::tracking::mixture::MOST_START_WINDOWS;
+use crate::tracking::window::FEWEST_LINES;
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::config::quantity::{Finite, NonNegative, Positive};
 use lumenav_core::{ModalityError, Node, Setup};
@@ -152,6 +153,16 @@ impl OptionsTable {
             let message = format!("{} windows; allowed: 1 to {MOST_START_WINDOWS}", table.start_windows);
             return Err(node.error_at("start_windows", &message).into());
         }
+        for (key, why) in [("start_sigma_mm", "waits for no window"), ("start_rate_sigma_rad_s", "tells no motion")] {
+            if table.start_windows == 1 && node.keys().iter().any(|given| given == key) {
+                let message = format!("a start from one window {why}; give `start_windows` above 1");
+                return Err(node.error_at(key, &message).into());
+            }
+        }
+        if table.most_lines.is_some_and(|most| most < FEWEST_LINES as u32) {
+            let message = format!("allowed: {FEWEST_LINES} or more");
+            return Err(node.error_at("most_lines", &message).into());
+        }
         if !(1..=MOST_POINTS).contains(&table.points) {
             let message = format!("{} points; allowed: 1 to {MOST_POINTS}", table.points);
             return Err(node.error_at("points", &message).into());
@@ -251,6 +262,10 @@ impl Installed {
             Some(name) => Some(Phantom::from_node(&setup.models.open("phantoms", name, node, "phantom")?)?),
             None => None,
         };
+        if let Some(block) = phantom.as_ref().and_then(|phantom| scanner.block_inside(phantom)) {
+            let message = format!("block {block} of scanner `{}` stands inside this body", scanner.name);
+            return Err(node.error_at("phantom", &message).into());
+        }
         if let (Some(window), Some(schedule)) = (table.window_ms, setup.schedule) {
             let period_ms = 1e3 / schedule.rate_hz.0;
             if window.0 > period_ms * (1.0 + 1e-9) {

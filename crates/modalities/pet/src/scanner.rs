@@ -16,6 +16,7 @@ mod changes;
 
 pub use changes::{CHANGES_SOURCES, ChangesTable};
 
+use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{ConfigError, Name, Node};
 use nalgebra::Vector3;
@@ -207,6 +208,33 @@ impl CrystalGrid {
     }
 }
 
+impl CrystalGrid {
+    /// Whether two blocks share space: two boxes do unless an axis parts them (their sides, and what stands on two of them).
+    fn overlap(&self, one: &Block, other: &Block) -> bool {
+        let half_m = [self.half_width_m(), self.half_length_m(), 0.5 * self.depth_m];
+        let sides = |b: &Block| [b.tangential, b.axial, b.outward];
+        let middle = |b: &Block| b.centre_world_m + b.outward * (0.5 * self.depth_m);
+        let apart = middle(other) - middle(one);
+        if apart.norm() > 2.0 * Vector3::from(half_m).norm() {
+            return false;
+        }
+        let (first, second) = (sides(one), sides(other));
+        let crossed = first.iter().flat_map(|a| second.iter().map(|b| a.cross(b)));
+        let axes = first.iter().chain(&second).copied().chain(crossed.filter(|axis| axis.norm() > 1e-6));
+        axes.map(|axis| axis.normalize()).all(|axis| {
+            let reach = |sides: &[Vector3<f64>; 3]| -> f64 {
+                sides.iter().zip(half_m).map(|(side, half)| half * side.dot(&axis).abs()).sum()
+            };
+            apart.dot(&axis).abs() < reach(&first) + reach(&second) - TOUCH_M
+        })
+    }
+}
+
+/// Blocks that touch do not overlap, and angles are rounded.
+const TOUCH_M: f64 = 1e-6;
+/// Of air; water has 9.6 per metre.
+const THIN_PER_M: f64 = 0.1;
+
 /// How photons are detected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Detection {
@@ -281,7 +309,47 @@ impl Scanner {
         };
         let pairs = pairs(file, blocks.len(), around)?;
         let detection = detection(&file.child_or_empty("detection"))?;
-        Ok(Self { name: table.name, blocks, grid, detection, interaction_depth_m, pairs })
+        if detection.position_fwhm_m.is_some() && grid.columns * grid.rows > 1 {
+            let message = "of a detector without crystals; allowed beside `columns = 1` and `rows = 1`";
+            return Err(file.child_or_empty("detection").error_at("position_fwhm_mm", message));
+        }
+        let scanner = Self { name: table.name, blocks, grid, detection, interaction_depth_m, pairs };
+        scanner.refuse_overlaps(&file.child("ring").unwrap_or_else(|| file.clone()))?;
+        Ok(scanner)
+    }
+
+    /// Two blocks cannot be at one place.
+    fn refuse_overlaps(&self, node: &Node) -> Result<(), ConfigError> {
+        for (a, one) in self.blocks.iter().enumerate() {
+            for (b, other) in self.blocks.iter().enumerate().skip(a + 1) {
+                if self.grid.overlap(one, other) {
+                    let message = format!(
+                        "blocks {a} and {b} overlap: each {:.1} x {:.1} x {:.1} mm, their faces' middles {:.1} mm apart; allowed: fewer `columns` or `rows`, a larger `radius_mm`, `angles_deg` or `centre_mm` further apart",
+                        2e3 * self.grid.half_width_m(),
+                        2e3 * self.grid.half_length_m(),
+                        1e3 * self.grid.depth_m,
+                        1e3 * (one.centre_world_m - other.centre_world_m).norm(),
+                    );
+                    return Err(node.error(&message));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The first block whose face is inside a body, if any is.
+    pub fn block_inside(&self, body: &Phantom) -> Option<usize> {
+        let (half_width_m, half_length_m) = (self.grid.half_width_m(), self.grid.half_length_m());
+        let parts = [-1.0, -0.5, 0.0, 0.5, 1.0];
+        let is_inside = |block: &usize| {
+            parts.iter().any(|h| {
+                parts.iter().any(|z| {
+                    let place = self.in_block(*block, h * half_width_m, z * half_length_m, 0.0);
+                    body.attenuation_511_per_m(&place) > THIN_PER_M
+                })
+            })
+        };
+        (0..self.blocks.len()).find(is_inside)
     }
 
     /// Depth behind the face at which ends are told, m.
@@ -522,6 +590,9 @@ fn pairs(file: &Node, blocks: usize, around: usize) -> Result<Vec<bool>, ConfigE
             allowed[b * blocks + a] = true;
         }
     }
+    if table.pairs.is_some() && table.min_block_difference.is_some() {
+        return Err(node.error_at("min_block_difference", "`pairs` names every pair; give one of the two"));
+    }
     let least = table.min_block_difference.unwrap_or(1) as usize;
     if table.min_block_difference.is_some() && around == 0 {
         return Err(
@@ -548,6 +619,10 @@ fn detection(node: &Node) -> Result<Detection, ConfigError> {
     let [low, high] = table.energy_window_kev.map(|v| v.0 * 1e3);
     if low >= high {
         return Err(node.error_at("energy_window_kev", "the window's lower end lies above its upper end"));
+    }
+    if table.efficiency.0 > 1.0 {
+        let message = format!("{} of the photons that are detected; allowed: above 0, up to 1", table.efficiency.0);
+        return Err(node.error_at("efficiency", &message));
     }
     Ok(Detection {
         scintillator: Name::from(table.scintillator.as_str()),

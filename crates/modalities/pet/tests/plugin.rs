@@ -259,6 +259,15 @@ fn law_bad_tables_are_refused_by_key() {
             "front_end = \"points\"\nmost_lines = 9",
             "`points` does not look at this",
         ),
+        ("pet-scalene", INSTALLED, "start_sigma_mm = 0.6", "a start from one window waits for no window"),
+        ("pet-scalene", INSTALLED, "start_rate_sigma_rad_s = 0.6", "a start from one window tells no motion"),
+        ("pet-scalene", INSTALLED, "most_lines = 0", "`most_lines`: allowed: 3 or more"),
+        (
+            "pet-scalene",
+            "scanner = \"reduced\"\nscanner_changes.radius_mm = 90\nphantom = \"water-40\"",
+            "",
+            "block 0 of scanner `reduced` stands inside this body",
+        ),
     ] {
         let message = refused(capsule, installed, options);
         assert!(message.contains(wanted), "{message}");

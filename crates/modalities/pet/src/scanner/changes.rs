@@ -82,30 +82,4 @@ impl Scanner {
         self.refuse_overlaps(changes)?;
         Ok(self)
     }
-
-    /// Blocks of a ring stand side by side where half of each is seen under less than half the angle between them.
-    fn refuse_overlaps(&self, changes: &Node) -> Result<(), ConfigError> {
-        let (half_width_m, half_length_m) = (self.grid.half_width_m(), self.grid.half_length_m());
-        for (a, one) in self.blocks.iter().enumerate() {
-            for (b, other) in self.blocks.iter().enumerate().skip(a + 1) {
-                let radius_m = one.centre_world_m.dot(&one.outward);
-                let along_m = (one.centre_world_m.z - other.centre_world_m.z).abs();
-                let between = one.outward.angle(&other.outward);
-                let is_beside = along_m < 2.0 * half_length_m - TOUCH_M;
-                if is_beside && half_width_m > radius_m * (0.5 * between).tan() + TOUCH_M {
-                    let message = format!(
-                        "blocks {a} and {b} overlap: {:.1} mm wide, {:.1} degrees apart at {:.1} mm; allowed: fewer `columns` or `rows`, a larger `radius_mm`, `angles_deg` further apart",
-                        2e3 * half_width_m,
-                        between.to_degrees(),
-                        1e3 * radius_m
-                    );
-                    return Err(changes.error(&message));
-                }
-            }
-        }
-        Ok(())
-    }
 }
-
-/// Blocks that touch do not overlap, and angles are rounded.
-const TOUCH_M: f64 = 1e-6;

@@ -107,3 +107,37 @@ fn law_a_bad_scanner_is_refused_by_key() {
         assert!(message.contains(wanted), "{message}");
     }
 }
+
+/// What cannot be built, or would be simulated wrongly or for ever.
+#[test]
+fn law_scanners_that_cannot_be_are_refused() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models/scanners/reduced.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    for (from, to, wanted) in [
+        ("radius_mm = 432.05", "radius_mm = 0.43205", "blocks 0 and 1 overlap"),
+        ("radius_mm = 432.05", "radius_mm = 60", "blocks 0 and 1 overlap"),
+        ("[0.0, 90.0,", "[0.0, 5.0,", "blocks 0 and 1 overlap"),
+        ("time_resolution_ns", "efficiency = 80\ntime_resolution_ns", "efficiency`: 80 of the photons"),
+        ("time_resolution_ns", "position_fwhm_mm = 4\ntime_resolution_ns", "position_fwhm_mm`: of a detector without"),
+        ("pairs = [[", "min_block_difference = 1\npairs = [[", "give one of the two"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let file = Node::parse_text(&text.replacen(from, to, 1), "s.toml", Path::new(""), &[]).unwrap();
+        let message = Scanner::from_node(&file).unwrap_err().to_string();
+        assert!(message.contains("s.toml:") && message.contains(wanted), "{to}: {message}");
+    }
+    // Blocks may stand edge to edge, and behind each other.
+    for radius_mm in ["83", "1000"] {
+        let near = text.replacen("432.05", radius_mm, 1);
+        Scanner::from_node(&Node::parse_text(&near, "s.toml", Path::new(""), &[]).unwrap()).unwrap();
+    }
+    let body = |name: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../../models/phantoms/{name}.toml"));
+        Phantom::from_node(&Node::open(&path).unwrap()).unwrap()
+    };
+    let near = text.replacen("432.05", "90", 1);
+    let near = Scanner::from_node(&Node::parse_text(&near, "s.toml", Path::new(""), &[]).unwrap()).unwrap();
+    assert_eq!(near.block_inside(&body("water-20")), Some(0));
+    assert_eq!(shipped("reduced").block_inside(&body("water-20")), None);
+    assert_eq!(shipped("allegro").block_inside(&body("torso")), None);
+}

@@ -11,5 +11,6 @@ mod misuse;
 mod parallax;
 mod points;
 mod shapes;
+mod share;
 mod starts;
 mod support;
