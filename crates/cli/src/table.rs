@@ -4,8 +4,8 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use lumenav::evaluation::monte_carlo::bootstrap::MeanInterval;
 use lumenav::evaluation::plausibility::SpeedFigures;
 use lumenav::report::{
-    ExpectOverTrials, ExpectVerdict, Metrics, MotionFigures, PairDistance, PeriodFigures, SensorMetrics, Timing, TrackMetrics,
-    TrackRest, Trials,
+    ExpectOverTrials, ExpectVerdict, Metrics, MotionFigures, PairDistance, PeriodFigures, SensorMetrics,
+    Timing, TrackMetrics, TrackRest, Trials,
 };
 use lumenav::reproduce;
 use std::collections::BTreeMap;

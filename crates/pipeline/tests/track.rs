@@ -55,8 +55,12 @@ fn node(text: &str) -> Node {
 }
 
 fn track(filter: &str) -> Track {
-    let input =
-        |name: &str| Input { sensor: Name::from(name), front_end: Some(Box::new(Line)), motion_input: None, taken: None };
+    let input = |name: &str| Input {
+        sensor: Name::from(name),
+        front_end: Some(Box::new(Line)),
+        motion_input: None,
+        taken: None,
+    };
     let inputs = vec![input("fast"), input("slow")];
     let setup = FilterSetup { blocks: blocks(&inputs), ..FilterSetup::default() };
     let filter = lumenav_fusion::build(&node(filter), &setup).unwrap();
@@ -208,7 +212,12 @@ impl MotionInput for Still {
 fn law_a_measurement_behind_the_gyroscope_is_no_revision() {
     let mut track = track("kind = \"eskf\"");
     let motion: Arc<dyn MotionInput> = Arc::new(Still);
-    track.inputs.push(Input { sensor: Name::from("gyro"), front_end: None, motion_input: Some(motion), taken: None });
+    track.inputs.push(Input {
+        sensor: Name::from("gyro"),
+        front_end: None,
+        motion_input: Some(motion),
+        taken: None,
+    });
     for k in 1..30 {
         let mut rate = reading("gyro", k, tenth(k), 0.0);
         rate.interval.0 = tenth(k - 1);

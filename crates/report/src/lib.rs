@@ -52,9 +52,9 @@ pub use readings::ReadingsObserver;
 pub use row::{COVARIANCE_LENGTH, NUMBERS, TrackRow, write_csv};
 pub use timing::{Timing, TimingObserver, TrackTiming};
 pub use tracks::{TRACKS_SCHEMA_VERSION, TracksInfo, TracksObserver, for_each_track_row, read_tracks};
-pub use trials::{ExpectOverTrials, 
-    Availability, Instants, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, PeriodOverTrials, Trials,
-    TrialsCollector, TrialsOfTrack, write_trials,
+pub use trials::{
+    Availability, ExpectOverTrials, Instants, NONLINEAR_BAND, NeesOverTrials, PairOfTracks, PeriodOverTrials,
+    Trials, TrialsCollector, TrialsOfTrack, write_trials,
 };
 pub use truth::{TruthObserver, read_arc_length};
 pub use tum::{StampedPose, TumObserver, write_kitti, write_tum};

@@ -11,7 +11,9 @@
 #[path = "../tests/tracking/support.rs"]
 mod support;
 
-use lumenav_pet::tracking::{BlockErrors, BlockNoise, ClassicOptions, Fcm, Mixture, MixtureOptions, Rigid, Tracker};
+use lumenav_pet::tracking::{
+    BlockErrors, BlockNoise, ClassicOptions, Fcm, Mixture, MixtureOptions, Rigid, Tracker,
+};
 use support::{
     Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, noise_of_law, scanner, triangle,
 };

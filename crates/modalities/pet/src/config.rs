@@ -153,7 +153,9 @@ impl OptionsTable {
             let message = format!("{} windows; allowed: 1 to {MOST_START_WINDOWS}", table.start_windows);
             return Err(node.error_at("start_windows", &message).into());
         }
-        for (key, why) in [("start_sigma_mm", "waits for no window"), ("start_rate_sigma_rad_s", "tells no motion")] {
+        for (key, why) in
+            [("start_sigma_mm", "waits for no window"), ("start_rate_sigma_rad_s", "tells no motion")]
+        {
             if table.start_windows == 1 && node.keys().iter().any(|given| given == key) {
                 let message = format!("a start from one window {why}; give `start_windows` above 1");
                 return Err(node.error_at(key, &message).into());

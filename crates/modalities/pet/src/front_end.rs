@@ -316,7 +316,8 @@ pub(crate) fn build(
     options: &OptionsTable,
     setup: &Setup,
 ) -> Result<Estimator, ModalityError> {
-    let errors = BlockErrors::of_block(&installed.scanner, &installed.scintillator, installed.table.end_points);
+    let errors =
+        BlockErrors::of_block(&installed.scanner, &installed.scintillator, installed.table.end_points);
     let noise_of = |source: &SourceNoise| LineNoise::of_block(&installed.scanner, &errors, source);
     if options.front_end == Output::Points {
         // Tracers and calibration sources are not the capsule's markers.

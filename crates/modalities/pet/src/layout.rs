@@ -104,8 +104,7 @@ impl ScannerLayout {
         for (source, known) in sources.markers.iter_mut().zip(&as_sources) {
             source.activity_bq *= known.isotope.positrons_per_decay();
         }
-        let errors =
-            BlockErrors::of_block(&opened.scanner, &opened.scintillator, opened.table.end_points);
+        let errors = BlockErrors::of_block(&opened.scanner, &opened.scintillator, opened.table.end_points);
         let installed_s = opened.table.window_ms.map(|window| 1e-3 * window.0);
         let period_s = setup.schedule.map(|schedule| schedule.rate_hz.0.recip());
         Ok(Self {

@@ -621,7 +621,8 @@ fn detection(node: &Node) -> Result<Detection, ConfigError> {
         return Err(node.error_at("energy_window_kev", "the window's lower end lies above its upper end"));
     }
     if table.efficiency.0 > 1.0 {
-        let message = format!("{} of the photons that are detected; allowed: above 0, up to 1", table.efficiency.0);
+        let message =
+            format!("{} of the photons that are detected; allowed: above 0, up to 1", table.efficiency.0);
         return Err(node.error_at("efficiency", &message));
     }
     Ok(Detection {

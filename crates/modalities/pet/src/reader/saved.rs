@@ -141,7 +141,8 @@ impl SavedReader {
             known_poses.insert(name.clone(), poses[found].1);
         }
         // Where the scanner was moved, the world's places are put back into its frame.
-        let scanner = known_poses.get(SCANNER).map_or_else(Vector3::zeros, |pose| 1e3 * pose.translation.vector);
+        let scanner =
+            known_poses.get(SCANNER).map_or_else(Vector3::zeros, |pose| 1e3 * pose.translation.vector);
         for end in gathered.columns.ends_mm().flatten() {
             self.scanner.check_end((Vector3::from(end) - scanner).into()).map_err(error)?;
         }

@@ -144,7 +144,10 @@ impl Windows {
                     self.failed = true;
                     let message = match self.refused {
                         0 => "no line in this file".to_owned(),
-                        refused => format!("no line of this file is one of scanner `{}`: all {refused} rows were refused", self.scanner.name),
+                        refused => format!(
+                            "no line of this file is one of scanner `{}`: all {refused} rows were refused",
+                            self.scanner.name
+                        ),
                     };
                     return Err(self.source.error(&message));
                 }

@@ -118,7 +118,11 @@ fn law_scanners_that_cannot_be_are_refused() {
         ("radius_mm = 432.05", "radius_mm = 60", "blocks 0 and 1 overlap"),
         ("[0.0, 90.0,", "[0.0, 5.0,", "blocks 0 and 1 overlap"),
         ("time_resolution_ns", "efficiency = 80\ntime_resolution_ns", "efficiency`: 80 of the photons"),
-        ("time_resolution_ns", "position_fwhm_mm = 4\ntime_resolution_ns", "position_fwhm_mm`: of a detector without"),
+        (
+            "time_resolution_ns",
+            "position_fwhm_mm = 4\ntime_resolution_ns",
+            "position_fwhm_mm`: of a detector without",
+        ),
         ("pairs = [[", "min_block_difference = 1\npairs = [[", "give one of the two"),
     ] {
         assert!(text.contains(from), "{from}");
@@ -132,7 +136,8 @@ fn law_scanners_that_cannot_be_are_refused() {
         Scanner::from_node(&Node::parse_text(&near, "s.toml", Path::new(""), &[]).unwrap()).unwrap();
     }
     let body = |name: &str| {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../../models/phantoms/{name}.toml"));
+        let path =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../../models/phantoms/{name}.toml"));
         Phantom::from_node(&Node::open(&path).unwrap()).unwrap()
     };
     let near = text.replacen("432.05", "90", 1);

@@ -205,8 +205,7 @@ impl Points {
         let followed = found.iter().enumerate().filter_map(|(k, p)| Some((k, p.as_ref().ok()?)));
         // Which numbers new points will have is not told yet: they stand in the order in which they were found.
         let mut others = followed.chain(missing.iter().copied().zip(new));
-        let apart_m =
-            |other: &TrackedPoint| (point.position_world_m - other.position_world_m).norm();
+        let apart_m = |other: &TrackedPoint| (point.position_world_m - other.position_world_m).norm();
         match others.find(|(_, other)| apart_m(other) < self.least_apart_m()) {
             Some((number, other)) => {
                 let own = missing.get(new.len()).copied().unwrap_or(number);

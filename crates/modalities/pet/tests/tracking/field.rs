@@ -2,10 +2,10 @@
 
 use super::support::{model, scanner, scintillator};
 use lumenav_core::RandomStreams;
+use lumenav_pet::Line;
 use lumenav_pet::simulation::coincidence::Origin;
 use lumenav_pet::simulation::{EndPoints, Isotope, Mode, Settings, Simulator, SourceMarker};
 use lumenav_pet::tracking::{BlockErrors, LineNoise, Points, SourceNoise};
-use lumenav_pet::Line;
 use nalgebra::{Isometry3, Vector3};
 
 const LINES: usize = 60_000;
@@ -34,7 +34,14 @@ fn true_lines(source: &SourceMarker) -> Vec<Line> {
     let random = RandomStreams::new(43, 0, "field-test");
     let (mut window, mut lines) = (Vec::new(), Vec::new());
     for k in 0_u32.. {
-        simulator.window(&|_| Isometry3::identity(), f64::from(k) * 0.05, 0.05, &random, u64::from(k), &mut window);
+        simulator.window(
+            &|_| Isometry3::identity(),
+            f64::from(k) * 0.05,
+            0.05,
+            &random,
+            u64::from(k),
+            &mut window,
+        );
         lines.extend(window.iter().filter(|l| l.label.origin == Origin::True).map(|l| l.line));
         if lines.len() > LINES {
             break;

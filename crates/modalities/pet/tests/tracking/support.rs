@@ -9,7 +9,9 @@ use lumenav_core::pose::{exp_so3, ominus, oplus};
 use lumenav_core::{Node, PriorUse, RandomStream, RandomStreams};
 use lumenav_pet::simulation::block::{BlockPhysics, passes_window};
 use lumenav_pet::simulation::{Photon, Scintillator};
-use lumenav_pet::tracking::{BlockErrors, BlockNoise, LineNoise, Prior, Reinitialized, SourceNoise, Tracked, Tracker};
+use lumenav_pet::tracking::{
+    BlockErrors, BlockNoise, LineNoise, Prior, Reinitialized, SourceNoise, Tracked, Tracker,
+};
 use lumenav_pet::{CrystalIndex, Line, MarkerSet, Scanner};
 use nalgebra::{Isometry3, Matrix6, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 use rand::RngExt as _;

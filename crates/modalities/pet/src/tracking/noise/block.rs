@@ -54,11 +54,8 @@ impl BlockNoise {
             mean.max(SMALLEST_VARIANCE_M2)
         };
         let whole = [moment(0), moment(1), moment(2)];
-        let mut fit = Self {
-            tail_share: 0.25,
-            core_m2: whole.map(|v| 0.3 * v),
-            tail_m2: whole.map(|v| 3.0 * v),
-        };
+        let mut fit =
+            Self { tail_share: 0.25, core_m2: whole.map(|v| 0.3 * v), tail_m2: whole.map(|v| 3.0 * v) };
         for _ in 0..EM_STEPS {
             fit = fit.em_step(errors_block_m);
         }

@@ -156,8 +156,9 @@ impl EndError {
             told += Vector3::new(a, b, 0.0) * (fwhm_m / FWHM_PER_SD);
             told.z = scanner.told_depth_m();
         } else if end_points == EndPoints::Crystal {
-            let centre =
-                |index: u32, pitch_m: f64, count: u32| pitch_m * (f64::from(index) - 0.5 * f64::from(count - 1));
+            let centre = |index: u32, pitch_m: f64, count: u32| {
+                pitch_m * (f64::from(index) - 0.5 * f64::from(count - 1))
+            };
             let (column, row) = deposit.crystal;
             told = Vector3::new(
                 centre(column, g.tangential_pitch_m, g.columns),
@@ -244,7 +245,8 @@ mod tests {
         for (name, crystals, share, cut_off_mm2) in wanted {
             let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models");
             let open = |file: String| Node::open(&models.join(file)).unwrap();
-            let scintillator = Scintillator::from_node(&open(format!("scintillators/{crystals}.toml"))).unwrap();
+            let scintillator =
+                Scintillator::from_node(&open(format!("scintillators/{crystals}.toml"))).unwrap();
             let scanner = Scanner::from_node(&open(format!("scanners/{name}.toml"))).unwrap();
             let scanner = scanner.with_interaction_depth(&scintillator);
             let errors = BlockErrors::of_block(&scanner, &scintillator, EndPoints::Crystal);
