@@ -40,8 +40,12 @@ fn difference(a: &Matrix6<f64>, wanted: &Matrix6<f64>) -> f64 {
 fn closed_form_half_of_what_lines_say_is_twice_the_covariance() {
     for (options, count, most) in [
         (MixtureOptions::default(), 1, [1e-12, 1e-9]),
-        // The law of the rate beforehand stays what it is: what the stack says of the pose is not quite halved, and its pose another.
-        (MixtureOptions { start_windows: 3, ..MixtureOptions::default() }, 3, [5e-5, 0.03]),
+        // A rate that is not known beforehand: what is known of it counts in full, and is not halved with the lines.
+        (
+            MixtureOptions { start_windows: 3, start_rate_sigma_rad_s: 100.0, ..MixtureOptions::default() },
+            3,
+            [1e-5, 0.01],
+        ),
     ] {
         let windows = windows(count);
         let (full, half) = (answer(1.0, &options, &windows, None), answer(0.5, &options, &windows, None));
