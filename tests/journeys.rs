@@ -715,7 +715,7 @@ fn law_what_is_expected_and_is_not_so_ends_with_code_4() {
         (format!("{distance}mm = [10.0, 20.0]"), "NOT AS EXPECTED: distance magnetic - magnetic-eskf"),
         (format!("{rest}max_robust_sd_mm = 0.1"), "NOT AS EXPECTED: rest of magnetic, largest robust sd"),
     ] {
-        let said = run(&expect, "unmet").arg("--force").fails(4);
+        let said = run(&expect, "unmet").arg("--force").fails_with_table(4);
         assert!(said.contains(wanted) && said.contains("expectations are not met"), "{said}");
         let metrics =
             std::fs::read_to_string(folder.path().join("unmet/metrics.json")).expect("it is written");
@@ -727,11 +727,11 @@ fn law_what_is_expected_and_is_not_so_ends_with_code_4() {
     let trials = |expect: &str, out: &str| run(expect, out).arg("--trials").arg("2").arg("--force");
     let table = trials(&met, "trials-met").ok();
     assert!(table.contains("as expected in 2 of 2 trials: share of the steps of magnetic"), "{table}");
-    let said = trials(&format!("{rest}max_robust_sd_mm = 0.1"), "trials-unmet").fails(4);
+    let said = trials(&format!("{rest}max_robust_sd_mm = 0.1"), "trials-unmet").fails_with_table(4);
     assert!(said.contains("NOT AS EXPECTED in 0 of 2 trials: rest of magnetic, largest robust sd"), "{said}");
     assert!(said.contains("not in trial 0, 1"), "{said}");
     // A track that answers hardly ever shows nothing.
-    let said = run(&format!("{rest}least_instants = 100000"), "few").fails(4);
+    let said = run(&format!("{rest}least_instants = 100000"), "few").fails_with_table(4);
     assert!(said.contains("NOT AS EXPECTED: rest of magnetic, instants"), "{said}");
     for (expect, wanted) in [
         ("[expect]\nspeed_share = 0.9".to_owned(), "Give `max_speed_m_s`"),

@@ -87,4 +87,13 @@ impl Run {
         assert_eq!(output.status.code(), Some(code), "stderr:\n{err}");
         err
     }
+
+    /// The same, with the table before it.
+    pub fn fails_with_table(self, code: i32) -> String {
+        let output = self.output();
+        let said =
+            [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned()).concat();
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        said
+    }
 }

@@ -73,8 +73,24 @@ fn law_tracks_are_the_same_without_the_truth() {
             cells.join(" ") + "\n"
         })
         .collect();
-    std::fs::write(folder.path().join("moved.tum"), moved).expect("a scratch file");
-    for (name, truth) in [("blind", ""), ("misled", "[truth]\nkind = \"tum\"\nfile = \"moved.tum\"\n")] {
+    // Half of it, and of another day: what it does not cover is said.
+    let half: String =
+        moved.lines().take(moved.lines().count() / 2).map(|line| line.to_owned() + "\n").collect();
+    let other_day: String = moved.lines().map(|line| format!("9{line}\n")).collect();
+    for (name, text) in [("moved", &moved), ("half", &half), ("other-day", &other_day)] {
+        std::fs::write(folder.path().join(name).with_extension("tum"), text).expect("a scratch file");
+    }
+    let truth_of = |name: &str| format!("[truth]\nkind = \"tum\"\nfile = \"{name}.tum\"\n");
+    for (name, truth, uncovered) in [
+        ("blind", String::new(), None),
+        ("misled", truth_of("moved"), None),
+        (
+            "covered-half",
+            truth_of("half"),
+            Some(" estimates have a truth at their instant; of the others nothing is said"),
+        ),
+        ("of-another-day", truth_of("other-day"), Some("magnetic: 0 of ")),
+    ] {
         let text = format!(
             "[scenario]\nname = \"again\"\n[capsule]\nmodel = \"pillcam-magnet\"\n{truth}[[sensor]]\nname = \"plane\"\n\
              modality = \"magnetic\"\n[sensor.installed]\narray = \"plane-4x4-below\"\n[sensor.files]\n\
@@ -94,6 +110,11 @@ fn law_tracks_are_the_same_without_the_truth() {
             .output()
             .expect("the program starts");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let table = String::from_utf8_lossy(&output.stdout).into_owned();
+        match uncovered {
+            Some(words) => assert!(table.contains(words), "{name}: {table}"),
+            None => assert!(!table.contains("have a truth at their instant"), "{name}: {table}"),
+        }
         for track in ["magnetic.tum", "magnetic-eskf.tum"] {
             let read = |folder: &Path| std::fs::read(folder.join(track)).expect("a track");
             assert!(read(&run) == read(&out), "{track} of the {name} replay is another");

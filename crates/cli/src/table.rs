@@ -109,6 +109,14 @@ pub fn of_run(metrics: &Metrics, timing: Option<&Timing>) -> String {
         if let Some(verdict) = &t.verdict {
             text = format!("{text}\n{name}: {verdict}{}", limits_of(t.availability));
         }
+        if t.unjudged > 0 {
+            let all = t.judged + t.unjudged;
+            let hint = if t.judged == 0 { ": do their times agree?" } else { "" };
+            text = format!(
+                "{text}\n{name}: {} of {all} estimates have a truth at their instant; of the others nothing is said above{hint}",
+                t.judged
+            );
+        }
         if let Some(line) = refusals(t) {
             text = format!("{text}\n{name}: {line}");
         }

@@ -148,6 +148,9 @@ pub struct TrackMetrics {
     pub updates: u64,
     /// Estimates that were judged: updates, and predictions at refused measurements.
     pub judged: u64,
+    /// Estimates that the truth holds nothing about: it begins later, ends earlier or has a gap. 0 where there is no truth at all.
+    #[serde(default)]
+    pub unjudged: u64,
     /// Starts and restarts.
     pub starts: u64,
     /// Readings and measurements that did not enter, by reason.
@@ -285,6 +288,7 @@ struct Collector {
     refused: BTreeMap<String, u64>,
     updates: u64,
     judged: u64,
+    unjudged: u64,
     starts: u64,
     last_estimate: Option<SimTime>,
     first_available: Option<SimTime>,
@@ -313,6 +317,7 @@ impl Collector {
             refused: BTreeMap::new(),
             updates: 0,
             judged: 0,
+            unjudged: 0,
             starts: 0,
             last_estimate: None,
             first_available: None,
@@ -341,7 +346,10 @@ impl Collector {
         if let Some((nis, dof)) = update.nis {
             self.innovation(nis, dof)?;
         }
-        let (Some(error), Some(truth)) = (update.error, update.truth) else { return Ok(()) };
+        let (Some(error), Some(truth)) = (update.error, update.truth) else {
+            self.unjudged += u64::from(update.truth.is_none());
+            return Ok(());
+        };
         self.judged += 1;
         self.displacement(update, truth.world_from_capsule.translation.vector);
         let mm = 1e3 * error.position_world_m;
@@ -428,7 +436,7 @@ impl Collector {
         (self.axis_count > 0).then(|| PerAxis { x: axis(0), y: axis(1), z: axis(2) })
     }
 
-    fn metrics(&mut self) -> TrackMetrics {
+    fn metrics(&mut self, has_truth: bool) -> TrackMetrics {
         let nees = self.nees();
         TrackMetrics {
             position_error_mm: self.position_mm.summary(),
@@ -443,6 +451,7 @@ impl Collector {
             failed_updates: self.refused.get("failed").copied().unwrap_or(0),
             updates: self.updates,
             judged: self.judged,
+            unjudged: if has_truth { self.unjudged } else { 0 },
             starts: self.starts,
             refused: self.refused.clone(),
             nis: self.nis.summary().filter(|nis| nis.updates > 0).map(|nis| {
@@ -554,7 +563,11 @@ impl MetricsObserver {
             seed: header.seed,
             trial: header.trial,
             duration_s: header.duration_s.unwrap_or(self.last.seconds()),
-            tracks: self.tracks.iter_mut().map(|(name, track)| (name.to_string(), track.metrics())).collect(),
+            tracks: self
+                .tracks
+                .iter_mut()
+                .map(|(name, track)| (name.to_string(), track.metrics(header.has_truth)))
+                .collect(),
             sensors: self.sensors.iter().map(|(name, sensor)| (name.to_string(), *sensor)).collect(),
             controllers: self
                 .controllers

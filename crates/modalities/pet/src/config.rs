@@ -114,7 +114,7 @@ pub struct OptionsTable {
     pub estimate_markers: bool,
     /// Most lines used of a window; absent: all (`mixture`, `lines`) or the adaptive budget of than2015 (`fcm`, `rigid`).
     pub most_lines: Option<u32>,
-    /// Windows from which a first pose is taken together, 1 to 24 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
+    /// Windows, at most, from which a first pose is taken together, 1 to 24 (`mixture`, `lines`). Default 1; with few lines a window, say 5.
     pub start_windows: u32,
     /// A start from several windows waits for no more of them once every marker is told to this standard deviation, mm. Default 0: it waits for
     /// all.

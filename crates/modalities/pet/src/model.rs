@@ -5,6 +5,9 @@
 //! definite; a filter cannot take a negative one, so directions in which the likelihood curves upwards count as unknown: with
 //! translations measured in the markers' own size, negative eigenvalues are set to zero. The step that follows is shorter than
 //! Newton's and still leads uphill, for the gradient is exact.
+//!
+//! Of both, and of the log-likelihood, the share that counts is handed over ([`LineNoise::information_share`]); the expected information
+//! of it is what a filter's covariance will be, and a bound (Cramér-Rao) only as far as the law of a line is exact.
 
 use crate::tracking::likelihood::{Evaluation, Likelihood, Weights};
 use crate::tracking::noise::LineNoise;

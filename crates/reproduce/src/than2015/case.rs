@@ -1,6 +1,6 @@
 //! A case: a set-up, a path and estimators, run once per seed; and its scores as rows of a table.
 
-use super::follow::{Follower, Run};
+use super::follow::{Follower, MOST_HELD, Run};
 use super::motion::Motion;
 use super::scoring::Score;
 use super::source::{Set, Source, Tally};
@@ -32,8 +32,11 @@ pub struct Led {
 }
 
 /// What every table of followed windows must say.
-pub const LATE: &str = "up to 23 windows before an estimator's first pose are answered late, from that pose; windows without a pose \
-                        count as failed";
+pub fn late() -> String {
+    format!(
+        "up to {MOST_HELD} windows before an estimator's first pose are answered late, from that pose; windows without a pose count as failed"
+    )
+}
 
 /// A figure of a score.
 pub type Figured = fn(&Score) -> f64;

@@ -63,7 +63,7 @@ fn run(context: &Context<'_>, mut table: Table, published: &Experiment) -> Resul
     table.set("activity", format!("x {:.3}: {:.0} lines per window", factors[0], lines_per_window(&runs)));
     table.set("simulator", Source::MODE);
     table.set("motion prior", MotionPrior::SLOW.in_words());
-    table.note(case::LATE);
+    table.note(case::late());
     table.note("the source's lines are measured, ours simulated: how the half circles join, the speeds and the pauses have no record and are chosen");
     rows(&mut table, &runs, published);
     table.figures.push(case::distribution("", &runs)?);

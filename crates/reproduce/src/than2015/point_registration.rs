@@ -40,7 +40,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     table.set("simulator", Source::MODE);
     table.set("lines", format!("at most {BUDGET} for `fcm` and `rigid`, all for the mixtures"));
     table.set("motion prior", MotionPrior::SLOW.in_words());
-    table.note(case::LATE);
+    table.note(case::late());
     for (case, (_, _, what)) in CASES.iter().enumerate() {
         let of_case: Vec<&Led> =
             jobs.iter().zip(&cells).filter(|((c, _), _)| *c == case).map(|(_, led)| led).collect();

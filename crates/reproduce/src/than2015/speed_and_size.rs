@@ -43,7 +43,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     table.set("simulator", Source::MODE);
     table.set("lines", format!("at most {budget} for `fcm` and `rigid`, all for the mixtures"));
     table.set("motion prior", MotionPrior::SLOW.in_words());
-    table.note(case::LATE);
+    table.note(case::late());
     table.note("the source shows curves; what it states of them in words is judged: never lost, more error with size than with speed");
     for body in 0..BODIES.len() {
         for times in TIMES {

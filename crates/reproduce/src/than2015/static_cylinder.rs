@@ -53,7 +53,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
         format!("{lines:.0} per window; at most {budget} for `fcm` and `rigid`, all for the mixtures"),
     );
     table.set("motion prior", MotionPrior::SLOW.in_words());
-    table.note(case::LATE);
+    table.note(case::late());
     rows(&mut table, &leds);
     centroid_rows(&mut table, &runs);
     table.figures.push(case::distribution("", &leds)?);

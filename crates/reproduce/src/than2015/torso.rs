@@ -117,7 +117,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     table.set("simulator", Source::MODE);
     table.set("lines", format!("at most {BUDGET} for `fcm` and `rigid`, all for the mixtures"));
     table.set("motion prior", MotionPrior::SLOW.in_words());
-    table.note(case::LATE);
+    table.note(case::late());
     rows(&mut table, &runs);
     table.figures.push(case::distribution("", &runs)?);
     Ok(table)

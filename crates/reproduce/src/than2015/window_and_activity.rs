@@ -45,7 +45,7 @@ pub(crate) fn run(context: &Context<'_>, mut table: Table) -> Result<Table, Repr
     table.set("simulator", Source::MODE);
     table.set("lines", "all, no budget");
     table.set("motion prior", MotionPrior::SLOW.in_words());
-    table.note(case::LATE);
+    table.note(case::late());
     for activity in 0..ACTIVITIES.len() {
         for window in 0..WINDOWS_MS.len() {
             rows(&mut table, &cells, window, activity);

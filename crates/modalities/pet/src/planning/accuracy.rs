@@ -1,11 +1,15 @@
-//! Expected accuracy: Fisher information of a scanner, a body and a marker set about `[δp_world, δθ_capsule]` at a pose.
+//! Expected accuracy: what a scanner, a body and a marker set tell our likelihood about `[δp_world, δθ_capsule]` at a pose.
 //!
 //! Lines come as a Poisson process. Those of one direction arrive at the rate that [`super::sensitivity`] gives, and each carries the
 //! expected information of one unlabelled line under the noise that the trackers assume, background included; so
 //!
 //! ```text
-//! I = Σ_bundles  N_bundle / (1 - β) · ∫ p(u) g gᵀ du
+//! I = c Σ_bundles  N_bundle / (1 - β) · ∫ p(u) g gᵀ du
 //! ```
+//!
+//! c is the share of a line's information that counts, since no line has quite the law that is believed ([`LineNoise::information_share`]):
+//! the inverse of I is the covariance to expect of our estimators (White 1982). With c = 1 it is the Cramér-Rao bound of lines that have
+//! the law; other estimators, which believe another law of these lines, may reach less or more.
 //!
 //! with N the expected true lines of a bundle and β the share of background among the lines that pass near the markers: of all background
 //! lines, [`BACKGROUND_NEAR`]. The integral is a fine sum over a grid (`tracking::expected`, 2e-3), the sum over bundles stands as
@@ -103,7 +107,7 @@ const ARM_M: f64 = 0.01;
 const LEAST_SHARE: f64 = 1e-10;
 
 impl Expected {
-    /// Cramer-Rao bound of `[δp_world, δθ_capsule]`, m² and rad²; `None` where a direction is not seen at all.
+    /// Covariance to expect of `[δp_world, δθ_capsule]`, m² and rad², the inverse of the information (see the head of this file); `None` where a direction is not seen at all.
     pub fn bound(&self) -> Option<Matrix6<f64>> {
         let scale = Matrix6::from_diagonal(&nalgebra::Vector6::new(
             1.0,

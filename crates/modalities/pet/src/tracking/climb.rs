@@ -86,7 +86,7 @@ pub(crate) struct Top {
     pub(crate) log_likelihood: f64,
     /// Log-likelihood less that of a window that is all background: comparable between windows prepared about different places.
     pub(crate) gain: f64,
-    /// Inverse of the covariance, the prior's included.
+    /// What all lines say in full, and the prior: the covariance is the inverse of its share that counts ([`super::noise::LineNoise::information_share`]).
     pub(crate) information: Matrix6<f64>,
     pub(crate) effective_lines: f64,
     /// Lines that pass near.

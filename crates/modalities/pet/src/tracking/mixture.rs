@@ -5,7 +5,8 @@
 //!
 //! - **Not enough lines for a first pose.** Where two attitudes explain the first window nearly equally well, the answer is
 //!   [`Failure::Ambiguous`], and the next search is over the lines of up to [`STACK`] windows.
-//!   With `start_windows` above 1 the first pose is always that of so many windows together (file `mixture/start.rs`).
+//!   With `start_windows` above 1 the first pose is always that of several windows together: of so many, or of those that it took until
+//!   every marker was told well enough (`start_sigma_m`; file `mixture/start.rs`).
 //! - **A wrong order of the markers.** A flip of the near-isosceles triangle fits nearly as well as the truth and moves with it. Every
 //!   [`TEST_EVERY`] windows the last [`STACK`] are climbed again from every other order of the markers; a better one is taken.
 //!
@@ -43,9 +44,9 @@ use nalgebra::{Isometry3, Vector3};
 pub const TEST_EVERY: u64 = 10;
 /// Windows that a test or a stacked search looks at.
 pub const STACK: usize = 5;
-/// Most windows that a first pose is taken from together, 1.2 s of windows of 50 ms. A capsule of 45 mm/s that turns leaves an even motion by
-/// 1 mm, a deviation of a line, in eight of them: only a slow one may be given more, or one that starts as soon as it can
-/// ([`MixtureOptions::start_sigma_m`]).
+/// Most windows that a first pose is taken from together, 1.2 s of windows of 50 ms. Within them an even motion is believed, and the covariance
+/// knows of no other: a capsule of 45 mm/s that turns leaves it by 1 mm, a deviation of a line, in eight windows. So with few lines a fast
+/// capsule has no honest start; with many it is told after a few windows ([`MixtureOptions::start_sigma_m`]).
 pub const MOST_START_WINDOWS: usize = 24;
 /// Windows whose mean log-likelihood is remembered.
 const REMEMBERED: usize = 20;

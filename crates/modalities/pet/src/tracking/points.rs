@@ -9,7 +9,8 @@
 //!
 //! climbed by damped Newton steps in the three coordinates, β by expectation-maximisation between the steps. Lines of the other
 //! points are background to it, and even across R where these are far away: points nearer than 2 R are refused
-//! ([`Failure::TooClose`]). The covariance is the inverse of the observed information (Louis 1982).
+//! ([`Failure::TooClose`]). The covariance is the inverse of the observed information (Louis 1982), of its share that counts
+//! ([`LineNoise::information_share`]).
 //!
 //! A point that is not known is searched for: of the places where two lines nearly meet, the one that most lines pass is climbed
 //! from; then the next point among the lines that pass the found ones by.

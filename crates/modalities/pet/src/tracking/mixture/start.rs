@@ -10,6 +10,7 @@
 //! J_w = [I  0        τ I  0           ]
 //!       [0  Exp(ωτ)ᵀ 0    τ J_r(ωτ)   ]
 //! gradient Σ J_wᵀ g_w - [.. ω/σ_ω²]        information Σ J_wᵀ H_w J_w + [.. I/σ_ω²],  its inverse the covariance of all together
+//!                                                  (lines by their share that counts, the rate's law in full)
 //! ```
 //!
 //! Climbed from the slope of the windows' own places over time, each climbed by itself from the stack's pose, since a capsule that
