@@ -28,10 +28,13 @@ pub struct Burst {
 }
 
 /// How often something was a reason, and how large the figure in it became.
-#[derive(Clone, Copy, Default, Serialize)]
+#[derive(Clone, Default, Serialize)]
 pub struct Reason {
     pub count: u64,
     pub largest: Option<f64>,
+    /// The first of them in full; absent where it has no other figures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first: Option<String>,
 }
 
 /// A refused innovation.
@@ -83,10 +86,13 @@ impl Burst {
         };
         self.to_s = self.to_s.max(seconds(event.t_ns));
         self.count += 1;
-        let (text, number) = text.as_ref().map_or((String::new(), None), |text| words::stem_and_number(text));
+        let said = text.clone().unwrap_or_default();
+        let (text, number) = words::stem_and_number(&said);
+        let first = text.contains('…').then_some(said);
         let text = if text.is_empty() { String::new() } else { format!(": {text}") };
         let of = self.reasons.entry(format!("of `{sensor}` {}{text}", words::refusal(reason))).or_default();
         of.count += 1;
+        of.first = of.first.take().or(first);
         of.largest = of.largest.into_iter().chain(number).reduce(f64::max);
         if let (Some(chi_square), Some(degrees_of_freedom), Some(threshold)) = (*chi_square, *dof, *threshold)
             && self.worst_innovation.is_none_or(|old| chi_square > old.chi_square)
@@ -103,7 +109,8 @@ impl Burst {
     pub fn lines(&self) -> Vec<(f64, String)> {
         let reason = |(why, reason): (&String, &Reason)| {
             let largest = reason.largest.map_or(String::new(), |largest| format!(" up to {largest:.0}"));
-            format!("{} {why}{largest}", reason.count)
+            let first = reason.first.as_ref().map_or(String::new(), |first| format!(" (first: {first})"));
+            format!("{} {why}{largest}{first}", reason.count)
         };
         let reasons: Vec<String> = self.reasons.iter().map(reason).collect();
         let when = if self.to_s > self.from_s {

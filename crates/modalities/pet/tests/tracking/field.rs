@@ -67,7 +67,7 @@ fn law_a_source_near_the_edge_of_the_field_is_seen_where_it_is() {
         let errors = BlockErrors::of_block(&scanner, &scintillator(&scanner), EndPoints::Crystal);
         let of_source = SourceNoise {
             acollinearity_fwhm_rad: ACOLLINEARITY_FWHM_DEG.to_radians(),
-            ..SourceNoise::of_markers(&[source.clone()])
+            ..SourceNoise::of_markers(std::slice::from_ref(&source))
         };
         let lines = true_lines(&source);
         let drawn_back = error_mm(&lines, LineNoise::of_block(&scanner, &errors, &of_source), &source);

@@ -199,7 +199,7 @@ fn law_a_point_that_comes_back_alone_somewhere_between_waits_for_the_other() {
     assert!(alone.contains(&Err(Failure::Unnumbered { found: 1, points: 2 })), "{alone:?}");
     assert!(alone.iter().all(Result::is_err), "{alone:?}");
     let both = next(&[between, [-120.0, 20.0, 10.0]]);
-    let [first, second] = [&both[0], &both[1]].map(|found| x_mm(found));
+    let [first, second] = [&both[0], &both[1]].map(x_mm);
     assert!((first + 120.0).abs() < 8.0 && second.abs() < 8.0, "{both:?}");
     // Lost the longer, gone the further: the first was seen until now, the second has had eight windows.
     for _ in 0..8 {
