@@ -352,6 +352,12 @@ impl Scanner {
         (0..self.blocks.len()).find(is_inside)
     }
 
+    /// The middle of its blocks' faces, m; to the nanometre, so that rounding does not move that of a ring.
+    pub fn middle_m(&self) -> Vector3<f64> {
+        let sum_m: Vector3<f64> = self.blocks.iter().map(|block| block.centre_world_m).sum();
+        (sum_m / self.blocks.len().max(1) as f64).map(|axis| (axis * 1e9).round() * 1e-9 + 0.0)
+    }
+
     /// Depth behind the face at which ends are told, m.
     pub fn told_depth_m(&self) -> f64 {
         self.interaction_depth_m.unwrap_or(0.5 * self.grid.depth_m)

@@ -40,7 +40,7 @@ impl PhotonDetection {
         let block = BlockPhysics::new(scanner, scintillator.clone());
         let mut random = RandomStreams::new(0, 0, "pet-planning").stream("block", 0);
         let grid = &scanner.grid;
-        let middle = scanner.to_block(0, &Vector3::zeros());
+        let middle = scanner.to_block(0, &scanner.middle_m());
         let (mut passed, mut interacting) = ([0.0; EDGES_M.len() + 1], [0.0; EDGES_M.len() + 1]);
         for _ in 0..TRIALS {
             let mut spread = |half_m: f64| half_m * (2.0 * random.random::<f64>() - 1.0);

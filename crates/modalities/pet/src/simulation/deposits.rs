@@ -48,7 +48,7 @@ impl SampledDeposit {
 pub fn sampled_deposits(scanner: &Scanner, scintillator: &Scintillator) -> Vec<SampledDeposit> {
     let physics = BlockPhysics::new(scanner, scintillator.clone());
     let mut random = RandomStreams::new(0, 0, "pet-line-noise").stream("block", 0);
-    let middle = scanner.to_block(0, &Vector3::zeros());
+    let middle = scanner.to_block(0, &scanner.middle_m());
     (0..TRIES).filter_map(|_| one(scanner, &physics, &middle, &mut random)).take(SAMPLES).collect()
 }
 

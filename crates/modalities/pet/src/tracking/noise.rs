@@ -136,7 +136,7 @@ impl LineNoise {
             covariances: covariances(scanner, block),
             slots: slots(scanner),
             heads: scanner.clone(),
-            beside: Beside::new(coverage.clone(), calibration),
+            beside: Beside::new(scanner, coverage.clone(), calibration),
             coverage,
             information_share: calibration.information_share,
             component_shares: [(1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t), t * t],
@@ -146,7 +146,7 @@ impl LineNoise {
         }
     }
 
-    /// The same in another scanner of the same blocks.
+    /// The same in another scanner of the same blocks, for plans: these ask what lines say, and not where they lie.
     #[must_use]
     pub fn of_other_blocks(&self, scanner: &Scanner, block: &BlockNoise) -> Self {
         let coverage = Arc::new(Coverage::new(scanner));
@@ -154,7 +154,7 @@ impl LineNoise {
             covariances: covariances(scanner, block),
             slots: slots(scanner),
             heads: scanner.clone(),
-            beside: self.beside.in_field(coverage.clone()),
+            beside: Beside::new(scanner, coverage.clone(), &Calibration::EXACT),
             coverage,
             ..*self
         }

@@ -70,7 +70,8 @@ impl BlockErrors {
         let ends: Vec<EndError> =
             deposits.iter().map(|sample| EndError::of(scanner, end_points, sample, &mut random)).collect();
         let told: Vec<Vector3<f64>> = ends.iter().map(|end| end.told_m).collect();
-        let length_m = 2.0 * (scanner.blocks[0].centre_world_m.norm() + scanner.told_depth_m());
+        let length_m =
+            2.0 * ((scanner.blocks[0].centre_world_m - scanner.middle_m()).norm() + scanner.told_depth_m());
         match BlockNoise::of_samples(&told) {
             Some(law) => Self { law, ends, length_m },
             None => Self { law: BlockNoise::of_crystal(scanner), ends: Vec::new(), length_m },

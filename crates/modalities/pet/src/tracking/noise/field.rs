@@ -16,6 +16,7 @@
 
 use super::errors::Calibration;
 use crate::coverage::Coverage;
+use crate::scanner::Scanner;
 use nalgebra::Vector3;
 use std::sync::{Arc, OnceLock};
 
@@ -32,6 +33,8 @@ const FURTHEST: f64 = 1.253_314_137_315_500_3;
 pub(super) struct Beside {
     coverage: Arc<Coverage>,
     cut_off_m2: [f64; 2],
+    /// The grid's middle, that of the blocks, in the frame in which the scanner's file tells them.
+    middle_m: Vector3<f64>,
     nodes: OnceLock<Nodes>,
 }
 
@@ -46,13 +49,9 @@ impl PartialEq for Beside {
 }
 
 impl Beside {
-    pub(super) fn new(coverage: Arc<Coverage>, calibration: &Calibration) -> Self {
-        Self { coverage, cut_off_m2: calibration.cut_off_m2, nodes: OnceLock::new() }
-    }
-
-    /// In another scanner's field.
-    pub(super) fn in_field(&self, coverage: Arc<Coverage>) -> Self {
-        Self { coverage, cut_off_m2: self.cut_off_m2, nodes: OnceLock::new() }
+    pub(super) fn new(scanner: &Scanner, coverage: Arc<Coverage>, calibration: &Calibration) -> Self {
+        let middle_m = scanner.middle_m();
+        Self { coverage, cut_off_m2: calibration.cut_off_m2, middle_m, nodes: OnceLock::new() }
     }
 
     /// From a place in the scanner's frame, m.
@@ -60,7 +59,8 @@ impl Beside {
         if self.cut_off_m2 == [0.0; 2] {
             return Vector3::zeros();
         }
-        let steps = place_scanner_m.map(|axis| (axis / STEP_M + HALF as f64).clamp(0.0, (SIDE - 1) as f64));
+        let steps = (place_scanner_m - self.middle_m)
+            .map(|axis| (axis / STEP_M + HALF as f64).clamp(0.0, (SIDE - 1) as f64));
         let first = steps.map(|step| (step.floor() as usize).min(SIDE - 2));
         let part = Vector3::from_fn(|i, _| steps[i] - first[i] as f64);
         let mut sum = Vector3::zeros();
@@ -84,7 +84,7 @@ impl Beside {
             let along = |step: usize| (step as f64 - HALF as f64) * STEP_M;
             let place =
                 Vector3::new(along(index / (SIDE * SIDE)), along(index / SIDE % SIDE), along(index % SIDE));
-            self.computed(&place)
+            self.computed(&(self.middle_m + place))
         })
     }
 
@@ -97,5 +97,57 @@ impl Beside {
         };
         let along = axial * axial.dot(&pull);
         limited((pull - along) * across_m2, across_m2) + limited(along * along_m2, along_m2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lumenav_core::Node;
+    use std::path::Path;
+
+    fn beside(scanner: &Scanner) -> Beside {
+        let calibration = Calibration { cut_off_m2: [2e-6, 3e-6], ..Calibration::EXACT };
+        Beside::new(scanner, Arc::new(Coverage::new(scanner)), &calibration)
+    }
+
+    #[test]
+    fn law_lines_lie_where_more_is_seen_wherever_the_scanner_stands() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models/scanners");
+        for name in ["reduced", "allegro"] {
+            let here =
+                Scanner::from_node(&Node::open(&folder.join(format!("{name}.toml"))).unwrap()).unwrap();
+            let way = Vector3::new(0.3, -0.2, 0.6);
+            let mut there = here.clone();
+            there.blocks.iter_mut().for_each(|block| block.centre_world_m += way);
+            let (here, there) = (beside(&here), beside(&there));
+            assert!(here.at(&Vector3::zeros()).norm() < 1e-7, "{name}");
+            for place in [[0.04, 0.0, 0.05], [-0.033, 0.021, -0.064]] {
+                let place = Vector3::from(place);
+                let (one, other) = (here.at(&place), there.at(&(place + way)));
+                assert!((one - other).norm() < 1e-9, "{name} {place:?}: {one} {other}");
+                assert!(one.z * place.z < 0.0, "{name} {place:?}: {one}");
+            }
+        }
+    }
+
+    /// Between nodes it is what would be computed there, to 0.02 mm where S of two plates bends within a step. At the very edge it ends.
+    #[test]
+    fn law_the_grid_is_fine_enough_and_the_edge_has_a_limit() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models/scanners");
+        let scanner = Scanner::from_node(&Node::open(&folder.join("reduced.toml")).unwrap()).unwrap();
+        let beside = beside(&scanner);
+        for place in [[0.045, 0.005, 0.035], [-0.015, 0.037, -0.052], [0.055, -0.013, 0.0]] {
+            let place = Vector3::from(place);
+            let (kept, exact) = (beside.at(&place), beside.computed(&place));
+            println!("figure: {place:?}: kept {kept:?}, exact {exact:?}");
+            assert!((kept - exact).norm() < 0.022e-3, "{place:?}: {kept} {exact}");
+        }
+        let (across_m, along_m) = (FURTHEST * 2e-6_f64.sqrt(), FURTHEST * 3e-6_f64.sqrt());
+        let last = beside.computed(&Vector3::new(0.0, 0.0, scanner.grid.half_length_m() - 1e-4));
+        assert!((last.z + along_m).abs() < 1e-9, "{last}");
+        let outside = beside.computed(&Vector3::new(0.0, 0.0, scanner.grid.half_length_m() + 1e-3));
+        assert_eq!(outside, Vector3::zeros());
+        assert!(beside.computed(&Vector3::new(0.08, 0.0, 0.0)).xy().norm() <= across_m + 1e-12);
     }
 }
