@@ -41,13 +41,14 @@ impl MarkerEstimate {
         &self.markers_m
     }
 
-    /// Adds a window at its pose.
+    /// Adds a window at its pose, with the share of its lines' information that counts.
     pub(crate) fn add(
         &mut self,
         window: &Window,
         likelihood: &Likelihood,
         pose: &Isometry3<f64>,
         weights: &Weights,
+        share: f64,
     ) {
         let mut placed = [Placed::default(); MAX_MARKERS];
         let used = likelihood.place(pose, &window.origin_world_m, weights, &mut placed);
@@ -78,8 +79,8 @@ impl MarkerEstimate {
         let pull = pull - taken * pose_pull;
         let now =
             DVector::from_iterator(n, likelihood.markers_capsule_m.iter().flat_map(|m| m.iter().copied()));
-        self.side += &information * now + pull;
-        self.information += information;
+        self.side += (&information * now + pull) * share;
+        self.information += information * share;
         if let Some(root) = self.information.clone().cholesky() {
             let places = root.solve(&self.side);
             for (j, m) in self.markers_m.iter_mut().enumerate() {

@@ -350,7 +350,8 @@ impl Mixture {
         self.remember(lines, &out.world_from_capsule);
         // Where the order is about to be tested it may be wrong: such a window teaches nothing about the markers.
         if let Some(estimate) = self.estimate.as_mut().filter(|_| !due) {
-            estimate.add(&self.window, &self.likelihood, &out.world_from_capsule, &self.climber.weights);
+            let (pose, share) = (&out.world_from_capsule, self.noise.information_share);
+            estimate.add(&self.window, &self.likelihood, pose, &self.climber.weights, share);
             self.likelihood.markers_capsule_m.clone_from_slice(estimate.markers_m());
             self.memory.marker_estimate = Some(estimate.clone());
         }
