@@ -17,6 +17,9 @@ use std::time::Instant;
 /// Why a filter is not given a reading that shares time with the last one.
 const REPEATED: &str = "its window overlaps the last one: a filter would count what they share twice";
 
+/// Windows that follow each other may seem to share this, ns: their ends are rounded, here and in files.
+const SLACK_NS: i64 = 1000;
+
 /// What a track says after one reading.
 #[derive(Debug, Default)]
 pub struct Step {
@@ -49,7 +52,7 @@ pub struct Input {
     pub front_end: Option<Box<dyn FrontEnd>>,
     /// Drives the prediction.
     pub motion_input: Option<Arc<dyn MotionInput>>,
-    /// The interval of the last reading that a front end was shown for a filter.
+    /// The interval of the last reading that entered the filter.
     pub taken: Option<(SimTime, SimTime)>,
 }
 
@@ -57,7 +60,7 @@ impl Input {
     /// Whether a reading repeats a part of the last one: windows that overlap. Each by itself tells a pose; to a filter they would be
     /// independent measurements, and what they share would count twice.
     fn repeats(&self, interval: (SimTime, SimTime)) -> bool {
-        self.taken.is_some_and(|taken| interval.0 < taken.1 && taken.0 < interval.1)
+        self.taken.is_some_and(|taken| interval.0 + SLACK_NS < taken.1 && taken.0 + SLACK_NS < interval.1)
     }
 }
 
@@ -138,7 +141,6 @@ impl Track {
             steps.push(self.published(step, reading.at()));
             return Ok(self.with_hindsight(steps));
         }
-        input.taken = Some(reading.interval);
         let prior: Option<PosePrior> = self.filter.as_ref().and_then(|f| f.predicted_pose(reading.at()));
         let outcome = front_end.process(reading, prior.as_ref())?;
         if let Some(filter) = &mut self.filter {
@@ -155,10 +157,21 @@ impl Track {
             }
             Outcome::Measured(measurements) => {
                 let share = spent / measurements.len().max(1) as f64;
-                steps.extend(measurements.into_iter().map(|m| self.take(m, share)));
+                let taken: Vec<Step> = measurements.into_iter().map(|m| self.take(m, share)).collect();
+                if taken.iter().any(|step| step.refusal.is_none()) {
+                    self.entered(reading);
+                }
+                steps.extend(taken);
             }
         }
         Ok(self.with_hindsight(steps))
+    }
+
+    /// Keeps the time of a reading that the filter has taken.
+    fn entered(&mut self, reading: &Reading) {
+        if let Some(input) = self.inputs.iter_mut().find(|input| input.sensor == reading.sensor) {
+            input.taken = Some(reading.interval);
+        }
     }
 
     /// Adds what the reading changed of the past without a measurement of its own (a motion, a clone).

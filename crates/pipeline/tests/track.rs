@@ -129,6 +129,38 @@ fn law_a_filter_counts_what_two_windows_share_once() {
     }
 }
 
+/// Windows that follow each other are all taken, though a rounded end may lie a nanosecond behind the next start.
+#[test]
+fn law_a_filter_takes_windows_that_follow_each_other_at_any_rate() {
+    for rate_hz in [7.0, 13.0, 15.0, 18.0, 24.0, 60.0] {
+        let due = |k: i64| SimTime((k as f64 * 1e9 / rate_hz).round() as i64);
+        let length_ns = (1e9 / rate_hz).round() as i64;
+        let mut track = track("kind = \"eskf\"");
+        for k in 0..60 {
+            let reading = reading("fast", k, due(k) + length_ns, 0.01 * k as f64);
+            let reading = Reading { interval: (due(k), due(k) + length_ns), ..reading };
+            let step = one(&mut track, &reading);
+            assert!(step.refusal.is_none(), "{rate_hz} Hz, {k}: {:?}", step.refusal);
+        }
+    }
+}
+
+/// A window that said nothing has not been counted: the next one that shares time with it is taken.
+#[test]
+fn law_a_window_that_was_refused_bars_no_other() {
+    let mut track = track("kind = \"eskf\"");
+    let overlapping = |k: i64, x_mm: f64| {
+        let reading = reading("fast", k, tenth(k) + 150_000_000, x_mm);
+        Reading { interval: (tenth(k), tenth(k) + 150_000_000), ..reading }
+    };
+    assert!(one(&mut track, &overlapping(0, 0.0)).refusal.is_none());
+    // Not looked at, since it overlaps; behind it one that the front end refuses, and one that overlaps that.
+    assert!(one(&mut track, &overlapping(1, 0.5)).refusal.is_some());
+    let saturated = one(&mut track, &overlapping(2, 999.0));
+    assert!(matches!(&saturated.refusal, Some(Refusal::FrontEnd { why }) if why == "saturated"));
+    assert!(one(&mut track, &overlapping(3, 1.5)).refusal.is_none());
+}
+
 /// The instant at which a belief is given up has its last prediction: the worst moment is judged as well.
 #[test]
 fn law_a_belief_that_is_given_up_has_a_last_word() {

@@ -66,13 +66,12 @@ pub struct ExpectOverTrials {
 }
 
 impl ExpectOverTrials {
-    fn take(all: &mut Vec<Self>, trial: u64, verdict: &ExpectVerdict) {
-        let known = all.iter().position(|known| known.quantity == verdict.quantity);
-        let at = known.unwrap_or_else(|| {
+    /// Adds a trial's verdict: every trial is asked the same, in the same order.
+    fn take(all: &mut Vec<Self>, at: usize, trial: u64, verdict: &ExpectVerdict) {
+        if at == all.len() {
             let (quantity, allowed) = (verdict.quantity.clone(), verdict.allowed);
             all.push(Self { quantity, allowed, trials: 0, unmet: Vec::new(), range: None });
-            all.len() - 1
-        });
+        }
         let over = &mut all[at];
         over.trials += 1;
         if !verdict.met {
@@ -216,8 +215,8 @@ impl TrialsCollector {
         self.seen += 1;
         self.first.get_or_insert_with(|| (metrics.scenario.clone(), metrics.seed));
         let trial = (metrics.seed, metrics.trial);
-        for verdict in &metrics.expected.verdicts {
-            ExpectOverTrials::take(&mut self.expected, metrics.trial, verdict);
+        for (at, verdict) in metrics.expected.verdicts.iter().enumerate() {
+            ExpectOverTrials::take(&mut self.expected, at, metrics.trial, verdict);
         }
         for (name, figures) in &metrics.tracks {
             self.tracks.entry(name.clone()).or_default().take(trial, figures);

@@ -230,6 +230,8 @@ impl CrystalGrid {
     }
 }
 
+/// A rate scale may exceed 1 where a model sees too little (spec 20, section 3); beyond this it is a percentage.
+const MOST_EFFICIENCY: f64 = 2.0;
 /// Blocks that touch do not overlap, and angles are rounded.
 const TOUCH_M: f64 = 1e-6;
 /// Of air; water has 9.6 per metre.
@@ -626,9 +628,11 @@ fn detection(node: &Node) -> Result<Detection, ConfigError> {
     if low >= high {
         return Err(node.error_at("energy_window_kev", "the window's lower end lies above its upper end"));
     }
-    if table.efficiency.0 > 1.0 {
-        let message =
-            format!("{} of the photons that are detected; allowed: above 0, up to 1", table.efficiency.0);
+    if table.efficiency.0 > MOST_EFFICIENCY {
+        let message = format!(
+            "{} of the photons that are detected; allowed: above 0, up to {MOST_EFFICIENCY}",
+            table.efficiency.0
+        );
         return Err(node.error_at("efficiency", &message));
     }
     Ok(Detection {

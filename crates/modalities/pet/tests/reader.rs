@@ -378,10 +378,10 @@ fn law_bad_tables_are_refused_by_key() {
     }
 }
 
-/// Saved readings as `--save-readings` lays them out: an empty one, a masked event, a late one.
 /// Numbers whose last bits are easily lost.
 const ODD: [f64; 7] = [0.1 + 0.2, -0.0, 440.0 + 1.0 / 3.0, 5e-324, 4.0 / 7.0, -440.7, 0.1];
 
+/// Saved readings as `--save-readings` lays them out: an empty one, a masked event, a late one.
 fn saved() -> String {
     let mut text = format!("t_s,sequence,start_s,end_s,arrival_s,{HEADER}");
     let place = |n: u64, start: f64, late: f64| {

@@ -13,7 +13,7 @@ use lumenav_core::{
     FixKind, FrontEnd, Measurement, ModalityError, Name, Outcome, PoseEstimate, PosePrior, Primitive,
     PriorUse, Reading,
 };
-use nalgebra::{Isometry3, Matrix6};
+use nalgebra::{Isometry3, Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -56,6 +56,8 @@ impl PointFrontEnd {
 impl FrontEnd for PointFrontEnd {
     fn process(&mut self, reading: &Reading, _prior: Option<&PosePrior>) -> Result<Outcome, ModalityError> {
         payload::lines(&reading.payload, &mut self.lines)?;
+        let scanner = reading.known_poses.get(payload::SCANNER);
+        self.points.scanner_at(&scanner.map_or_else(Vector3::zeros, |pose| pose.translation.vector));
         let (found, roles) = self.points.track(&self.lines);
         self.roles = roles;
         self.found = found.iter().map(|point| point.as_ref().ok().copied()).collect();

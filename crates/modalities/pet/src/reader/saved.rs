@@ -144,7 +144,8 @@ impl SavedReader {
         let scanner =
             known_poses.get(SCANNER).map_or_else(Vector3::zeros, |pose| 1e3 * pose.translation.vector);
         for end in gathered.columns.ends_mm().flatten() {
-            self.scanner.check_end((Vector3::from(end) - scanner).into()).map_err(error)?;
+            let checked = self.scanner.check_end((Vector3::from(end) - scanner).into());
+            checked.map_err(|why| error(format!("{why}; where a bed moved it, beside its `poses`")))?;
         }
         Ok(Reading {
             sensor: self.sensor.clone(),

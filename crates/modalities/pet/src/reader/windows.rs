@@ -145,7 +145,7 @@ impl Windows {
                     let message = match self.refused {
                         0 => "no line in this file".to_owned(),
                         refused => format!(
-                            "no line of this file is one of scanner `{}`: all {refused} rows were refused",
+                            "no line in this file that scanner `{}` could have told: all {refused} rows were refused",
                             self.scanner.name
                         ),
                     };

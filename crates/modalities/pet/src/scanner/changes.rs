@@ -55,7 +55,7 @@ impl Scanner {
                     );
                     Err(changes.error_at(key, &message))
                 }
-                None => Ok(self),
+                None => self.refuse_overlaps(changes).map(|()| self),
             };
         };
         let mut ring: RingTable = ring.parse_quietly()?;

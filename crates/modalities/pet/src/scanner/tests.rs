@@ -130,6 +130,17 @@ fn law_scanners_that_cannot_be_are_refused() {
         let message = Scanner::from_node(&file).unwrap_err().to_string();
         assert!(message.contains("s.toml:") && message.contains(wanted), "{to}: {message}");
     }
+    // The same of what a scenario changes, also where blocks are listed one by one: here side by side, 400 mm apart.
+    let plates = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../models/scanners/adac-forte.toml");
+    let plates = std::fs::read_to_string(plates).unwrap();
+    let beside = plates
+        .replace("[0.0, 0.0, 356.0]", "[400.0, 0.0, -356.0]")
+        .replace("[0.0, 0.0, 1.0]", "[0.0, 0.0, -1.0]");
+    assert_ne!(plates, beside);
+    let beside = Node::parse_text(&beside, "p.toml", Path::new(""), &[]).unwrap();
+    let changes = Node::parse_text("columns = 2", "s.toml", Path::new(""), &[]).unwrap();
+    let message = Scanner::from_node(&beside).unwrap().changed(&beside, &changes).unwrap_err().to_string();
+    assert!(message.contains("s.toml:") && message.contains("blocks 0 and 1 overlap"), "{message}");
     // Blocks may stand edge to edge, and behind each other.
     for radius_mm in ["83", "1000"] {
         let near = text.replacen("432.05", radius_mm, 1);

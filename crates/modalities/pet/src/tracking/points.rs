@@ -92,6 +92,8 @@ pub struct Points {
     weights: Weights,
     window: Window,
     evaluation: Evaluation,
+    /// Where the scanner's middle is.
+    scanner_world_m: Vector3<f64>,
 }
 
 /// Where a climb ended.
@@ -116,7 +118,13 @@ impl Points {
             weights: Weights { shares: vec![1.0], background: FIRST_BACKGROUND },
             window: Window::default(),
             evaluation: Evaluation::default(),
+            scanner_world_m: Vector3::zeros(),
         }
+    }
+
+    /// Where the scanner's middle is from now on, world, m: a bed carries the world through it.
+    pub fn scanner_at(&mut self, place_world_m: &Vector3<f64>) {
+        self.scanner_world_m = *place_world_m;
     }
 
     /// What it keeps from window to window.
@@ -260,7 +268,8 @@ impl Points {
 
     /// To the top of the likelihood.
     fn climb(&mut self, lines: &[Line], start: &Vector3<f64>) -> Result<Top, Failure> {
-        self.window.prepare(lines, &self.noise, &Preparation::about(*start), LINES_NEEDED)?;
+        let how = Preparation { scanner_world_m: self.scanner_world_m, ..Preparation::about(*start) };
+        self.window.prepare(lines, &self.noise, &how, LINES_NEEDED)?;
         let near = self.window.near() as f64;
         self.weights.background = FIRST_BACKGROUND;
         let mut at = *start;
