@@ -34,6 +34,9 @@ const WRONG_BY_M: f64 = 0.01e-3;
 /// `√(π/2)`: see the head of this file.
 const FURTHEST: f64 = 1.253_314_137_315_500_3;
 
+/// `None`: nothing is seen there, or the edge is too near for a straight line to the next node.
+type GridNode = OnceLock<Option<Vector3<f64>>>;
+
 /// The way from a source to the mean of its lines, by place.
 #[derive(Clone, Debug)]
 pub(super) struct Beside {
@@ -41,8 +44,8 @@ pub(super) struct Beside {
     cut_off_m2: [f64; 2],
     /// The grid's middle, that of the blocks, in the frame in which the scanner's file tells them.
     middle_m: Vector3<f64>,
-    /// Row by row along z, then y, then x; `None`: outside, or too near to the edge for a straight line. Clones fill one grid.
-    nodes: Arc<OnceLock<Vec<OnceLock<Option<Vector3<f64>>>>>>,
+    /// Row by row along z, then y, then x. Clones fill one grid.
+    nodes: Arc<OnceLock<Vec<GridNode>>>,
 }
 
 /// The same coverage and variances give the same way, whichever nodes have been asked for.
