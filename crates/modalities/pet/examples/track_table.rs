@@ -15,7 +15,8 @@ use lumenav_pet::tracking::{
     BlockErrors, BlockNoise, ClassicOptions, Fcm, Mixture, MixtureOptions, Rigid, Tracker,
 };
 use support::{
-    Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, noise_of_law, scanner, triangle,
+    Ends, Generator, MotionFilter, WINDOW_S, helix, marker_errors, noise_of, noise_of_drawn, noise_of_law,
+    scanner, triangle,
 };
 
 const ROWS: [(f64, f64); 5] = [(284.0, 0.819), (183.0, 0.759), (120.0, 0.702), (80.0, 0.642), (54.0, 0.592)];
@@ -77,7 +78,13 @@ fn main() {
     let speed: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(1.0);
     let acceleration: f64 = arguments.next().and_then(|a| a.parse().ok()).unwrap_or(0.03);
     let (set, scanner) = (triangle(), scanner("reduced"));
-    let noise = if physics { noise_of(&scanner) } else { noise_of_law(&scanner, &law()) };
+    let noise = if source == "simulator" {
+        noise_of(&scanner)
+    } else if physics {
+        noise_of_drawn(&scanner)
+    } else {
+        noise_of_law(&scanner, &law())
+    };
     if physics {
         let errors = BlockErrors::of_block(
             &scanner,

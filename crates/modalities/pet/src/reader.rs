@@ -64,7 +64,7 @@ pub struct FilesTable {
     /// `strict` or `skip`.
     #[serde(default)]
     pub bad_rows: BadRows,
-    /// Poses that encoders told (`bed = "pet.bed.tum"`), beside saved readings.
+    /// Poses that encoders told (`scanner = "pet.scanner.tum"`: where a bed has put it), beside saved readings.
     #[serde(default)]
     pub poses: BTreeMap<String, String>,
 }

@@ -402,21 +402,22 @@ fn law_saved_readings_read_back_to_the_same_readings() {
     let folder = Folder::new();
     folder.write("pet.csv", saved());
     folder.write(
-        "pet.bed.tum",
-        "0.025 0 0 0.1 0 0 0 1\n0.075 0 0 0.2 0 0 0 1\n0.125 0 0 0.3 0 0 0 1\n0.175 0 0 0.4 0 0 0 1\n",
+        "pet.scanner.tum",
+        "0.025 0 0 0.01 0 0 0 1\n0.075 0 0 0.02 0 0 0 1\n0.125 0 0 0.03 0 0 0 1\n0.175 0 0 0.04 0 0 0 1\n",
     );
-    let readings = folder.readings("allegro", "lines = \"pet.csv\"\nposes = { bed = \"pet.bed.tum\" }");
+    let readings =
+        folder.readings("allegro", "lines = \"pet.csv\"\nposes = { scanner = \"pet.scanner.tum\" }");
     let shape: Vec<_> = readings.iter().map(|r| (r.sequence, r.payload.valid().to_vec())).collect();
     assert_eq!(shape, [(0, vec![true; 2]), (1, vec![]), (3, vec![true, false]), (2, vec![true])]);
     assert_eq!(readings[3].interval, (SimTime(100_000_000), SimTime(150_000_000)));
     assert_eq!(readings[3].arrival, SimTime(350_000_000));
-    assert_eq!(readings[3].known_poses["bed"].translation.vector.z, 0.3);
+    assert_eq!(readings[3].known_poses["scanner"].translation.vector.z, 0.03);
     let last = rows_of(&readings[3..]);
     assert_eq!(last[0].map(f64::to_bits), ODD.map(f64::to_bits));
     assert_eq!(rows_of(&readings[..1]), ROWS[..2]);
-    folder.write("pet.bed.tum", "0.025 0 0 0.1 0 0 0 1\n");
-    let message = folder.error("allegro", "lines = \"pet.csv\"\nposes = { bed = \"pet.bed.tum\" }");
-    assert!(message.contains("pet.csv:4: the file of pose `bed` has none at 0.075000 s"), "{message}");
+    folder.write("pet.scanner.tum", "0.025 0 0 0.01 0 0 0 1\n");
+    let message = folder.error("allegro", "lines = \"pet.csv\"\nposes = { scanner = \"pet.scanner.tum\" }");
+    assert!(message.contains("pet.csv:4: the file of pose `scanner` has none at 0.075000 s"), "{message}");
 }
 
 #[test]
@@ -461,9 +462,18 @@ fn law_saved_readings_of_another_scanner_or_of_nothing_are_refused() {
         folder.write("pet.scanner.tum", format!("0.025 0 0 {z_m} 0 0 0 1\n"));
         assert_eq!(folder.read("allegro", moved).unwrap().iter().all(Result::is_ok), is_there, "{z_m}");
     }
-    folder.write("pet.csv", head);
+    folder.write("pet.csv", head.clone());
     let message = folder.error("allegro", "lines = \"pet.csv\"");
     assert!(message.contains("no reading in this file"), "{message}");
+    // A file of another scanner is no file of this one, whatever is passed over.
+    folder.write(
+        "pet.csv",
+        head.clone() + "0.025,0,0,0.05,0.05," + &text_of(&ROWS[..1], ",").replace("440.1", "340.1"),
+    );
+    let message = folder.error("reduced", "lines = \"pet.csv\"\nbad_rows = \"skip\"");
+    assert!(message.contains("scanner `reduced` could have told: all were refused (1)"), "{message}");
+    let message = folder.error("allegro", "lines = \"pet.csv\"\nposes = { bed = \"pet.scanner.tum\" }");
+    assert!(message.contains("no pose `bed`") && message.contains("`scanner`"), "{message}");
 }
 
 /// A Parquet file of `DOUBLE` columns.

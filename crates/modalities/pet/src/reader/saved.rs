@@ -36,6 +36,8 @@ pub(super) struct SavedReader {
     gathered: Option<Gathered>,
     last: Option<(SimTime, u64)>,
     has_read: bool,
+    /// Rows and readings that were passed over.
+    refused: u64,
     failed: bool,
 }
 
@@ -60,6 +62,12 @@ impl SavedReader {
         }
         let mut poses = BTreeMap::new();
         for (name, file) in &files.poses {
+            if name != SCANNER {
+                let message = format!(
+                    "no pose `{name}` is known; allowed: `{SCANNER}`, where a bed has put the scanner"
+                );
+                return Err(node.error_at("poses", &message).into());
+            }
             poses.insert(name.clone(), tum::read(&node.existing_path("poses", file)?)?);
         }
         let mut rows = RowReader::open(path)?;
@@ -80,6 +88,7 @@ impl SavedReader {
             gathered: None,
             last: None,
             has_read: false,
+            refused: 0,
             failed: false,
         })
     }
@@ -114,12 +123,23 @@ impl SavedReader {
                     None if self.has_read => return Ok(None),
                     None => {
                         self.failed = true;
-                        return Err(self.rows.error("no reading in this file"));
+                        return Err(self.rows.error(&self.nothing_read()));
                     }
                 },
             };
+            let reading = self.finish(whole)?;
             self.has_read = true;
-            return self.finish(whole).map(Some);
+            return Ok(Some(reading));
+        }
+    }
+
+    fn nothing_read(&self) -> String {
+        let (name, refused) = (&self.scanner.name, self.refused);
+        match refused {
+            0 => "no reading in this file".to_owned(),
+            _ => format!(
+                "no reading in this file that scanner `{name}` could have told: all were refused ({refused})"
+            ),
         }
     }
 
@@ -145,7 +165,9 @@ impl SavedReader {
             known_poses.get(SCANNER).map_or_else(Vector3::zeros, |pose| 1e3 * pose.translation.vector);
         for end in gathered.columns.ends_mm().flatten() {
             let checked = self.scanner.check_end((Vector3::from(end) - scanner).into());
-            checked.map_err(|why| error(format!("{why}; where a bed moved it, beside its `poses`")))?;
+            checked.map_err(|why| {
+                error(format!("{why}; where a bed moved it, give its `poses = {{ {SCANNER} = … }}`"))
+            })?;
         }
         Ok(Reading {
             sensor: self.sensor.clone(),
@@ -252,7 +274,8 @@ impl Iterator for SavedReader {
         }
         match self.next_reading() {
             Ok(reading) => reading.map(|reading| Ok(Recorded::Reading(reading))),
-            Err(error @ ModalityError::Row { .. }) if self.bad_rows == BadRows::Skip => {
+            Err(error @ ModalityError::Row { .. }) if self.bad_rows == BadRows::Skip && !self.failed => {
+                self.refused += 1;
                 Some(Ok(Recorded::Skipped(error)))
             }
             Err(error) => {

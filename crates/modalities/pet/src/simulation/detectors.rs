@@ -326,7 +326,7 @@ impl Detectors {
         }
         let smear: f64 = random.sample(StandardNormal);
         let sigma_s = detection.time_resolution_s / FWHM_PER_SIGMA;
-        let (crystal, end_world_m) = self.report(hit, random);
+        let (crystal, end_world_m) = self.report(hit, random)?;
         Some(Single {
             after_s: after_s + hit.deposit.path_m / LIGHT_M_PER_S + sigma_s * smear,
             decay,
@@ -339,8 +339,8 @@ impl Detectors {
         })
     }
 
-    /// Crystal and place that the scanner reports.
-    fn report<R: Rng + ?Sized>(&self, hit: &Hit, random: &mut R) -> (CrystalIndex, Vector3<f64>) {
+    /// Crystal and place that the scanner reports; `None` where light tells a place beside what is read out.
+    fn report<R: Rng + ?Sized>(&self, hit: &Hit, random: &mut R) -> Option<(CrystalIndex, Vector3<f64>)> {
         let g = &self.scanner.grid;
         let (column, row) = hit.deposit.crystal;
         let crystal = CrystalIndex { x: hit.block as u32 * g.columns + column, z: row };
@@ -350,13 +350,16 @@ impl Detectors {
             let sigma_m = fwhm_m / FWHM_PER_SIGMA;
             let (a, b): (f64, f64) = (random.sample(StandardNormal), random.sample(StandardNormal));
             place += Vector3::new(a * sigma_m, b * sigma_m, 0.0);
+            if place.x.abs() > g.half_width_m() || place.y.abs() > g.half_length_m() {
+                return None;
+            }
             place.z = self.scanner.told_depth_m();
         } else if self.end_points == EndPoints::Crystal {
             place.x = g.tangential_pitch_m * (f64::from(column) - 0.5 * f64::from(g.columns - 1));
             place.y = g.axial_pitch_m * (f64::from(row) - 0.5 * f64::from(g.rows - 1));
             place.z = self.scanner.told_depth_m();
         }
-        (crystal, self.scanner.in_block(hit.block, place.x, place.y, place.z))
+        Some((crystal, self.scanner.in_block(hit.block, place.x, place.y, place.z)))
     }
 }
 

@@ -217,7 +217,12 @@ impl Mixture {
         Ok(self.climber.climb(&self.likelihood, &self.window, start, &self.shares, prior, (FULL_STEPS, FINE)))
     }
 
-    fn remember(&mut self, lines: &[Line], pose: &Isometry3<f64>) {
+    /// Keeps a window for what windows tell together; one that repeats lines of the last that was kept would count them twice, and is not:
+    /// `false`.
+    fn remember(&mut self, lines: &[Line], pose: &Isometry3<f64>) -> bool {
+        if self.memory.recent.last().is_some_and(|(kept, _)| overlap(kept, lines)) {
+            return false;
+        }
         let most = if self.memory.started { STACK } else { self.options.start_windows.max(STACK) };
         let recent = &mut self.memory.recent;
         if recent.len() >= most {
@@ -230,6 +235,12 @@ impl Mixture {
         } else {
             recent.push((lines.to_vec(), *pose));
         }
+        true
+    }
+
+    /// The kept windows that hold nothing of this one.
+    fn earlier_than(&self, lines: &[Line]) -> impl DoubleEndedIterator<Item = &(Vec<Line>, Isometry3<f64>)> {
+        self.memory.recent.iter().filter(|(kept, _)| !overlap(kept, lines))
     }
 
     /// The window's top, and why it was searched for.
@@ -347,15 +358,21 @@ impl Mixture {
         self.memory.centroid_world_m = Some(self.place_of(&out.world_from_capsule));
         self.memory.markers_world_m.clone_from(&out.markers_world_m);
         self.memory.world_from_capsule = Some(out.world_from_capsule);
-        self.remember(lines, &out.world_from_capsule);
+        let is_new = self.remember(lines, &out.world_from_capsule);
         // Where the order is about to be tested it may be wrong: such a window teaches nothing about the markers.
-        if let Some(estimate) = self.estimate.as_mut().filter(|_| !due) {
+        if let Some(estimate) = self.estimate.as_mut().filter(|_| is_new && !due) {
             let (pose, share) = (&out.world_from_capsule, self.noise.information_share);
             estimate.add(&self.window, &self.likelihood, pose, &self.climber.weights, share);
             self.likelihood.markers_capsule_m.clone_from_slice(estimate.markers_m());
             self.memory.marker_estimate = Some(estimate.clone());
         }
     }
+}
+
+/// Whether a window holds lines of an earlier one. Both are stretches of one stream, so the later begins within the earlier, or is none of it.
+fn overlap(earlier: &[Line], later: &[Line]) -> bool {
+    later.first().is_some_and(|first| earlier.contains(first))
+        || earlier.last().is_some_and(|last| later.contains(last))
 }
 
 /// A covariance told in capsule axes that are turned: `θ_new = turn · θ_old`.
@@ -461,7 +478,7 @@ impl Mixture {
         // A start from several windows goes on gathering, whatever one of them lacks.
         let is_gathering = self.options.start_windows > 1 && !self.memory.started;
         match failure {
-            _ if is_gathering => self.remember(lines, &Isometry3::identity()),
+            _ if is_gathering => drop(self.remember(lines, &Isometry3::identity())),
             Failure::Ambiguous { .. } | Failure::Gathering { .. } | Failure::Doubted { .. } if searching => {
                 self.remember(lines, &Isometry3::identity());
             }

@@ -179,19 +179,19 @@ impl LineNoise {
         Self { background_radius_m: self.background_radius_m.max(least_m), ..self }
     }
 
-    /// The blocks whose frames four places are told in.
+    /// The blocks whose frames four places, in the scanner's frame, are told in.
     #[inline(always)]
-    pub(crate) fn blocks_at(&self, places_world_m: &Three) -> [u32; LANES] {
+    pub(crate) fn blocks_at(&self, places_scanner_m: &Three) -> [u32; LANES] {
         if self.slots.is_empty() {
-            return self.nearest_blocks(places_world_m);
+            return self.nearest_blocks(places_scanner_m);
         }
-        let slots = slots_of(places_world_m[0], places_world_m[1]);
+        let slots = slots_of(places_scanner_m[0], places_scanner_m[1]);
         lanes!(lane => self.slots[slots[lane]])
     }
 
-    fn nearest_blocks(&self, places_world_m: &Three) -> [u32; LANES] {
+    fn nearest_blocks(&self, places_scanner_m: &Three) -> [u32; LANES] {
         std::array::from_fn(|lane| {
-            let place = Vector3::from(places_world_m.map(|axis| axis.0[lane]));
+            let place = Vector3::from(places_scanner_m.map(|axis| axis.0[lane]));
             self.heads.nearest_block(&place) as u32
         })
     }

@@ -92,7 +92,7 @@ pub struct Points {
     weights: Weights,
     window: Window,
     evaluation: Evaluation,
-    /// Where the scanner's middle is.
+    /// Where the origin of the scanner's frame stands.
     scanner_world_m: Vector3<f64>,
 }
 
@@ -122,7 +122,7 @@ impl Points {
         }
     }
 
-    /// Where the scanner's middle is from now on, world, m: a bed carries the world through it.
+    /// Where the origin of the scanner's frame stands from now on, world, m: a bed moves it.
     pub fn scanner_at(&mut self, place_world_m: &Vector3<f64>) {
         self.scanner_world_m = *place_world_m;
     }

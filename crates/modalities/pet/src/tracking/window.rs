@@ -159,7 +159,7 @@ pub struct Window {
 pub struct Preparation {
     /// A point near the markers: the prediction, or the lines' centroid.
     pub about_world_m: Vector3<f64>,
-    /// Where the scanner's middle is: a bed carries the world through it.
+    /// Where the origin of the scanner's frame, in which its file tells the blocks, stands in the world: a bed moves it.
     pub scanner_world_m: Vector3<f64>,
     /// Lines are carried along this velocity to `at_s`, m/s.
     pub velocity_world_m_s: Vector3<f64>,
@@ -256,8 +256,10 @@ impl Window {
     pub fn shape(&mut self, noise: &LineNoise) {
         self.choose_near(noise);
         self.shapes.clear();
-        let (ends, origin, shapes) = (&self.near_ends, &self.origin_world_m, &mut self.shapes);
-        let beside = noise.beside(&(origin - self.scanner_world_m));
+        let (ends, shapes) = (&self.near_ends, &mut self.shapes);
+        // Blocks and field are the scanner's, wherever a bed holds it.
+        let origin = &(self.origin_world_m - self.scanner_world_m);
+        let beside = noise.beside(origin);
         Arch::new().dispatch(ToShapes { ends, origin, beside: &beside, noise, shapes });
         ToNarrow { packs: &self.shapes, narrow: &mut self.narrow_shapes }.run();
         self.background_per_m2 = 1.0 / (std::f64::consts::PI * noise.background_radius_m.powi(2));

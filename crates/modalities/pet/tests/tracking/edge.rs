@@ -1,9 +1,13 @@
 //! A capsule at the axial end of the scanner, where one marker is seen by twice as many pairs of crystals as the next.
 
-use super::support::{Ends, Generator, WINDOW_S, capsule, marker_errors, noise_of, noise_of_drawn, scanner};
-use lumenav_pet::Line;
+use super::support::{
+    Ends, Generator, WINDOW_S, capsule, marker_errors, model, noise_of, noise_of_drawn, scanner, scintillator,
+};
+use lumenav_core::Node;
 use lumenav_pet::tracking::{Mixture, MixtureOptions, Tracker};
+use lumenav_pet::{Line, Scanner};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use std::path::Path;
 
 const LINES: usize = 90;
 const BACKGROUND: usize = 30;
@@ -44,14 +48,47 @@ fn law_markers_are_as_bright_as_the_scanner_sees_them() {
     assert!(error_mm < 1.1, "{error_mm} mm");
 }
 
+/// Four sides of two blocks each, one above the other, both tilted towards the middle: which block tells an end hangs on its height.
+fn tilted() -> Scanner {
+    let (sine, cosine) = 12_f64.to_radians().sin_cos();
+    let mut text = std::fs::read_to_string(model("scanners", "reduced").file()).unwrap();
+    let (ring, crystals) = (text.find("[ring]").unwrap(), text.find("[crystals]").unwrap());
+    text.replace_range(ring..crystals, "");
+    let pairs = text.find("[coincidence]").unwrap();
+    text.truncate(pairs);
+    for angle in [0.0, 90.0, 180.0, 270.0_f64] {
+        let (x, y) = angle.to_radians().sin_cos();
+        for up in [-1.0, 1.0] {
+            text += &format!(
+                "[[block]]\ncentre_mm = [{:.6}, {:.6}, {:.6}]\noutward = [{:.9}, {:.9}, {:.9}]\ntangential = [{y:.9}, {:.9}, 0.0]\n",
+                440.0 * x,
+                440.0 * y,
+                95.0 * up,
+                cosine * x,
+                cosine * y,
+                sine * up,
+                -x,
+            );
+        }
+    }
+    let scanner = Scanner::from_node(&Node::parse_text(&text, "tilted.toml", Path::new(""), &[]).unwrap());
+    scanner.unwrap().with_interaction_depth(&scintillator(&super::support::scanner("reduced")))
+}
+
 /// A bed that has moved the scanner by some way moves what it sees by the same.
 #[test]
 fn law_a_moved_scanner_sees_what_it_saw() {
-    let (set, scanner, pose) = (capsule("pet-scalene"), scanner("reduced"), at_the_end());
+    for scanner in [scanner("reduced"), tilted()] {
+        sees_what_it_saw_when_moved(&scanner);
+    }
+}
+
+fn sees_what_it_saw_when_moved(scanner: &Scanner) {
+    let (set, pose) = (capsule("pet-scalene"), at_the_end());
     let way = Vector3::new(0.0, 0.0, 0.15);
-    let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), set.clone(), 311);
+    let mut generator = Generator::new(scanner.clone(), Ends::physics(scanner), set.clone(), 311);
     let (mut here, mut moved) =
-        [(); 2].map(|()| Mixture::new(&set, noise_of(&scanner), MixtureOptions::default())).into();
+        [(); 2].map(|()| Mixture::new(&set, noise_of(scanner), MixtureOptions::default())).into();
     moved.scanner_at(&way);
     let mut compared = 0;
     for w in 0..4 {
@@ -66,6 +103,8 @@ fn law_a_moved_scanner_sees_what_it_saw() {
         }
         let off = other.world_from_capsule.translation.vector - one.world_from_capsule.translation.vector;
         assert!((off - way).norm() < 1e-6, "{off}");
+        let differs = (other.covariance - one.covariance).norm() / one.covariance.norm();
+        assert!(differs < 1e-4, "{}: {differs}", scanner.name);
         compared += 1;
     }
     assert!(compared >= 3, "{compared} of 4 windows have a pose");

@@ -2,10 +2,10 @@
 
 use super::support::{model, scanner, scintillator};
 use lumenav_core::RandomStreams;
-use lumenav_pet::Line;
 use lumenav_pet::simulation::coincidence::Origin;
 use lumenav_pet::simulation::{EndPoints, Isotope, Mode, Settings, Simulator, SourceMarker};
 use lumenav_pet::tracking::{BlockErrors, LineNoise, Points, SourceNoise};
+use lumenav_pet::{Line, Scanner};
 use nalgebra::{Isometry3, Vector3};
 
 const LINES: usize = 60_000;
@@ -22,15 +22,14 @@ fn source(isotope: &str, place_mm: [f64; 3]) -> SourceMarker {
 }
 
 /// Lines of unscattered photons in air, by the simulator.
-fn true_lines(source: &SourceMarker) -> Vec<Line> {
-    let scanner = scanner("reduced");
-    let scintillator = scintillator(&scanner);
+fn true_lines(scanner: &Scanner, source: &SourceMarker) -> Vec<Line> {
+    let scintillator = scintillator(scanner);
     let settings = Settings {
         mode: Mode::Forced,
         end_points: EndPoints::Crystal,
         acollinearity_fwhm_deg: ACOLLINEARITY_FWHM_DEG,
     };
-    let mut simulator = Simulator::new(scanner, scintillator, None, vec![source.clone()], settings);
+    let mut simulator = Simulator::new(scanner.clone(), scintillator, None, vec![source.clone()], settings);
     let random = RandomStreams::new(43, 0, "field-test");
     let (mut window, mut lines) = (Vec::new(), Vec::new());
     for k in 0_u32.. {
@@ -56,14 +55,14 @@ fn error_mm(lines: &[Line], noise: LineNoise, source: &SourceMarker) -> Vector3<
 }
 
 /// Errors of a point with its lines drawn back, and as they are seen.
-fn errors_mm(isotope: &str, place_mm: [f64; 3]) -> [Vector3<f64>; 2] {
-    let (scanner, source) = (scanner("reduced"), source(isotope, place_mm));
+fn errors_mm(scanner_name: &str, isotope: &str, place_mm: [f64; 3]) -> [Vector3<f64>; 2] {
+    let (scanner, source) = (scanner(scanner_name), source(isotope, place_mm));
     let errors = BlockErrors::of_block(&scanner, &scintillator(&scanner), EndPoints::Crystal);
     let of_source = SourceNoise {
         acollinearity_fwhm_rad: ACOLLINEARITY_FWHM_DEG.to_radians(),
         ..SourceNoise::of_markers(std::slice::from_ref(&source))
     };
-    let lines = true_lines(&source);
+    let lines = true_lines(&scanner, &source);
     [
         error_mm(&lines, LineNoise::of_block(&scanner, &errors, &of_source), &source),
         error_mm(&lines, LineNoise::of_law(&scanner, &errors.law, &of_source), &source),
@@ -74,7 +73,7 @@ fn errors_mm(isotope: &str, place_mm: [f64; 3]) -> [Vector3<f64>; 2] {
 #[test]
 fn law_at_the_very_edge_a_source_is_not_drawn_beyond_its_place() {
     for z_mm in [80.0, 83.0, 86.0] {
-        let [drawn_back, as_seen] = errors_mm("na-22", [20.0, 0.0, z_mm]);
+        let [drawn_back, as_seen] = errors_mm("reduced", "na-22", [20.0, 0.0, z_mm]);
         println!("figure: na-22 at z = {z_mm} mm: {:.3} mm, as seen {:.3} mm", drawn_back.z, as_seen.z);
         assert!(as_seen.z < drawn_back.z - 0.05 && drawn_back.z < 0.05, "{z_mm}: {drawn_back} {as_seen}");
     }
@@ -88,7 +87,7 @@ fn law_a_moved_scanner_sees_a_point_where_it_saw_it() {
         BlockErrors::of_block(&scanner("reduced"), &scintillator(&scanner("reduced")), EndPoints::Crystal);
     let points =
         || Points::new(1, LineNoise::of_block(&scanner("reduced"), &errors, &SourceNoise::default()));
-    let (lines, way) = (&true_lines(&source)[..4000], Vector3::new(0.0, 0.0, 0.085));
+    let (lines, way) = (&true_lines(&scanner("reduced"), &source)[..4000], Vector3::new(0.0, 0.0, 0.085));
     let moved: Vec<Line> =
         lines.iter().map(|l| Line { ends_world_m: l.ends_world_m.map(|end| end + way), ..*l }).collect();
     let (mut here, mut there) = (points(), points());
@@ -110,7 +109,7 @@ fn law_a_source_near_the_edge_of_the_field_is_seen_where_it_is() {
         ("ga-68", [57.0, 0.0, 40.0], [0.35, 0.15]),
         ("ga-68", [-40.0, 20.0, -60.0], [0.15, 0.2]),
     ] {
-        let [drawn_back, as_seen] = errors_mm(isotope, place_mm);
+        let [drawn_back, as_seen] = errors_mm("reduced", isotope, place_mm);
         println!("figure: {isotope} at {place_mm:?} mm: {drawn_back:.3?} mm, as seen {as_seen:.3?} mm");
         // Standard deviation 0.012 mm with sodium, 0.025 mm with gallium.
         let most_mm = if isotope == "na-22" { 0.06 } else { 0.09 };
@@ -119,4 +118,24 @@ fn law_a_source_near_the_edge_of_the_field_is_seen_where_it_is() {
         let inwards = [-as_seen.x * place_mm[0].signum(), -as_seen.z * place_mm[2].signum()];
         assert!(inwards[0] > least_mm[0] && inwards[1] > least_mm[1], "{isotope} {place_mm:?}: {as_seen}");
     }
+}
+
+/// Plates end where what is read out ends: light that tells a place beside it tells none.
+#[test]
+fn law_between_plates_a_source_near_the_edge_is_seen_where_it_is() {
+    let place_mm = [150.0, -180.0, -75.0];
+    let scanner = scanner("adac-forte");
+    let lines = true_lines(&scanner, &source("na-22", place_mm));
+    let (width_m, length_m) = (scanner.grid.half_width_m(), scanner.grid.half_length_m());
+    let is_read_out = |end: &Vector3<f64>| end.x.abs() <= width_m && end.y.abs() <= length_m;
+    assert!(lines.iter().flat_map(|line| &line.ends_world_m).all(is_read_out));
+    let [drawn_back, as_seen] = errors_mm("adac-forte", "na-22", place_mm);
+    println!("figure: {drawn_back:.3?} mm, as seen {as_seen:.3?} mm");
+    // Across the plates a standard deviation of 0.015 mm; along them, where lines hardly tell, of 0.05 mm.
+    assert!(
+        drawn_back.x.abs() < 0.12 && drawn_back.y.abs() < 0.07 && drawn_back.z.abs() < 0.2,
+        "{drawn_back}"
+    );
+    // So the test sees what it is for.
+    assert!(as_seen.x < -0.2 && as_seen.y > 0.09, "{as_seen}");
 }

@@ -86,6 +86,53 @@ fn law_the_starts_covariance_covers_its_errors() {
     assert!(inside >= 18, "{inside} of 20");
 }
 
+/// Windows of a stream of windows, each of which begins a part of their length behind the last.
+fn overlapping(windows: &[Vec<Line>], parts: usize) -> Vec<Vec<Line>> {
+    let stream = windows.concat();
+    let step_s = WINDOW_S / parts as f64;
+    let window = |k: usize| {
+        let from_s = k as f64 * step_s;
+        let is_in = |line: &&Line| (from_s..from_s + WINDOW_S).contains(&line.t_s);
+        stream.iter().filter(is_in).copied().collect()
+    };
+    (0..=parts * (windows.len() - 1)).map(window).collect()
+}
+
+/// What windows share they tell once: a start from several that overlap is that from those of them that do not.
+#[test]
+fn law_a_start_counts_once_what_windows_share() {
+    let windows = windows(62, STACK);
+    let (mut apart, mut sharing) = (tracker(STACK), tracker(STACK));
+    let expected = windows.iter().map(|lines| apart.track(lines, None)).last().unwrap().unwrap();
+    let all = overlapping(&windows, 2);
+    assert_eq!(all.last(), windows.last());
+    for lines in &all[..all.len() - 1] {
+        assert!(matches!(sharing.track(lines, None), Err(Failure::Gathering { .. })));
+    }
+    let found = sharing.track(&all[all.len() - 1], None).unwrap();
+    assert_eq!(found.world_from_capsule, expected.world_from_capsule);
+    assert_eq!(found.covariance, expected.covariance);
+}
+
+/// And so do the windows from which the markers' places are estimated.
+#[test]
+fn law_an_estimate_of_the_markers_counts_once_what_windows_share() {
+    let windows = windows(63, 9);
+    let mut drawn = triangle();
+    drawn.markers[0].position_capsule_m.x += 1e-3;
+    let estimate = |windows: &[Vec<Line>]| {
+        let options = MixtureOptions { estimate_markers: true, ..MixtureOptions::default() };
+        let mut tracker = Mixture::new(&drawn, noise_of_drawn(&scanner("reduced")), options);
+        windows.iter().for_each(|lines| drop(tracker.track(lines, None)));
+        tracker.memory().marker_estimate.unwrap().markers_m()[0].x - drawn.markers[0].position_capsule_m.x
+    };
+    let (apart_m, sharing_m) = (estimate(&windows), estimate(&overlapping(&windows, 5)));
+    println!("figure: moved {:.4} mm, with windows that overlap {:.4} mm", 1e3 * apart_m, 1e3 * sharing_m);
+    // Counted five times the windows would move it by a sixth more.
+    let ratio = sharing_m / apart_m;
+    assert!(apart_m < -3e-4 && (0.9..1.08).contains(&ratio), "{apart_m} {sharing_m}");
+}
+
 /// Windows until a start that waits only until its markers are told: few with many lines, more with few, and each time it is as good as it says.
 #[test]
 fn law_a_start_waits_for_what_it_needs() {

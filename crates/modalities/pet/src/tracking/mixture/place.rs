@@ -89,7 +89,7 @@ impl Mixture {
         stack.clear();
         let mut room = TEST_LINES.saturating_sub(lines.len());
         if let Some(now_s) = start::mean_time_s(lines) {
-            for (recent, _) in self.memory.recent.iter().rev() {
+            for (recent, _) in self.earlier_than(lines).rev() {
                 let Some(left) = room.checked_sub(recent.len()) else { break };
                 room = left;
                 stack.extend(recent.iter().map(|line| {

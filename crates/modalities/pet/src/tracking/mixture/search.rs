@@ -96,17 +96,15 @@ impl Mixture {
         // A capsule that was lost is wanted back at once: where it was looked for before, one window has to do.
         let is_start = !self.memory.started;
         let needed = if is_start { self.options.start_windows.min(MOST_START_WINDOWS) } else { 1 };
-        let have = self.memory.recent.len() + 1;
+        let have = self.earlier_than(lines).count() + 1;
         let is_early = have < needed;
         if is_early && (have < FEWEST_OF_AN_EARLY_START || self.options.start_sigma_m <= 0.0) {
             return Err(Failure::Gathering { have, needed });
         }
-        self.stack.clear();
-        for (recent, _) in &self.memory.recent {
-            self.stack.extend_from_slice(recent);
-        }
-        self.stack.extend_from_slice(lines);
-        let stack = std::mem::take(&mut self.stack);
+        let mut stack = std::mem::take(&mut self.stack);
+        stack.clear();
+        self.earlier_than(lines).for_each(|(kept, _)| stack.extend_from_slice(kept));
+        stack.extend_from_slice(lines);
         let found = if needed > 1 { self.start_of_stack(&stack, lines) } else { self.find(&stack) };
         self.stack = stack;
         if is_early && !found.as_ref().is_ok_and(|top| self.is_settled(top)) {

@@ -2,7 +2,7 @@
 //!
 //! No mixture of two normal laws is the law of crystals, which are flat, and no scanner sees all lines of a place. With u a line's offset, s
 //! the score of the law that trackers believe, and the offset's parts c (range, acollinearity), i (photons that scatter on to another
-//! crystal) and the crystal's size:
+//! crystal; where there are no crystals, light that tells the place) and the crystal's size:
 //!
 //! ```text
 //! I = E[-ds/du],  J = E[s²]                  what counts of the information: I/J (White 1982)
@@ -11,8 +11,9 @@
 //!
 //! v: where what the blocks see, S, falls off, the lines of a source that are seen lie on the side where more is seen. Of offsets c that exist
 //! before the photons arrive, an edge lets through all on one side of it: `E[c | seen] = E[c²] ∇ ln S`. A photon that scatters on is
-//! lost only where it leaves the block, and none comes in from beside it: half as much. Blocks end where crystals end, so their size
-//! cuts nothing off. [`super::field`] makes of v and S how far a source's lines lie beside it.
+//! lost only where it leaves the block, and none comes in from beside it: half as much, and so with a place that light tells beside what is
+//! read out. (Of a plate whose crystal goes on behind the end of what is read out, places are told inward as often: all of it. The
+//! simulator has no such plate, and half is taken.) Blocks end where crystals end, so their size cuts nothing off. [`super::field`] makes of v and S how far a source's lines lie beside it.
 
 use super::block::BlockNoise;
 use super::{FWHM_PER_SD, SourceNoise};
@@ -31,7 +32,7 @@ const PARTNERS: usize = 32;
 /// deposit, since what lies further along the way moves no line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct EndError {
-    /// Of the deposit's place.
+    /// Of the place by which the block keeps or loses it: the deposit's, or that which light tells.
     scattered_m: Vector3<f64>,
     /// Of the place that is told.
     told_m: Vector3<f64>,
@@ -151,10 +152,11 @@ impl EndError {
         random: &mut RandomStream,
     ) -> Self {
         let (g, deposit) = (&scanner.grid, &sample.deposit);
-        let mut told = deposit.place_block_m;
+        let (mut told, mut kept_by) = (deposit.place_block_m, deposit.place_block_m);
         if let Some(fwhm_m) = scanner.detection.position_fwhm_m {
             let (a, b): (f64, f64) = (random.sample(StandardNormal), random.sample(StandardNormal));
             told += Vector3::new(a, b, 0.0) * (fwhm_m / FWHM_PER_SD);
+            kept_by = told;
             told.z = scanner.told_depth_m();
         } else if end_points == EndPoints::Crystal {
             let centre = |index: u32, pitch_m: f64, count: u32| {
@@ -168,7 +170,7 @@ impl EndError {
             );
         }
         let way_beside_m = sample.way_beside_m();
-        Self { scattered_m: deposit.place_block_m - way_beside_m, told_m: told - way_beside_m }
+        Self { scattered_m: kept_by - way_beside_m, told_m: told - way_beside_m }
     }
 }
 
