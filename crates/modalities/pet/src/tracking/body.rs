@@ -94,6 +94,11 @@ impl Body {
         Isometry3::from_parts(Translation3::from(place), UnitQuaternion::new_normalize(rotation.into_inner()))
     }
 
+    /// A pose with its markers in every other order.
+    pub(crate) fn reordered(&self, pose: Isometry3<f64>) -> impl Iterator<Item = Isometry3<f64>> + '_ {
+        self.permutations.iter().map(move |turn| self.turned(&pose, turn))
+    }
+
     /// Poses that the lines cannot tell from this one.
     pub(crate) fn twins<'a>(&'a self, pose: &'a Isometry3<f64>) -> impl Iterator<Item = Isometry3<f64>> + 'a {
         self.symmetries.iter().map(|turn| self.turned(pose, turn))

@@ -1,10 +1,12 @@
 //! A first pose from several windows together, and answers that go back in time from it.
 
-use super::support::{Ends, Generator, WINDOW_S, helix, marker_errors, noise_of_drawn, scanner, triangle};
+use super::support::{
+    Ends, Generator, WINDOW_S, capsule, helix, marker_errors, noise_of_drawn, scanner, triangle,
+};
 use lumenav_pet::Line;
 use lumenav_pet::tracking::mixture::STACK;
 use lumenav_pet::tracking::{Failure, Mixture, MixtureOptions, Tracker, rewind};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 const LINES: f64 = 120.0;
 const TRUE_SHARE: f64 = 0.702;
@@ -203,4 +205,37 @@ fn law_only_the_first_start_waits() {
     let truth = helix(middle_s(STACK + 1), FAST);
     let off_m = (found.world_from_capsule.translation.vector - truth.translation.vector).norm();
     assert!(off_m < 3e-3, "{off_m}");
+}
+
+/// Beside one pair of blocks, seen by the other alone: all lines run nearly one way, and markers in another order, or mirrored in depth,
+/// are as likely. A search that misses one of these must not be sure of another.
+#[test]
+fn law_a_first_pose_from_lines_that_run_one_way_is_not_sure_of_one_of_many() {
+    let few = first_poses_beside_a_pair(80, 70.0, 0.6);
+    let many = first_poses_beside_a_pair(40, 400.0, 0.8);
+    println!(
+        "figure: first poses, and wrong ones of them: of 80 windows of 70 lines {few:?}, of 40 of 400 {many:?}"
+    );
+    assert!(few.1 <= 1 && many.1 <= 1, "{few:?} {many:?}");
+    // What lines do tell is answered.
+    assert!(many.0 >= 10, "{many:?}");
+}
+
+/// First poses that so many windows told, and how many of them were wrong.
+fn first_poses_beside_a_pair(windows: u64, mean_lines: f64, true_share: f64) -> (usize, usize) {
+    let (set, scanner) = (capsule("hybrid"), scanner("reduced"));
+    let (mut answered, mut wrong) = (0, 0);
+    for seed in 501..501 + windows {
+        let mut generator = Generator::new(scanner.clone(), Ends::physics(&scanner), set.clone(), seed);
+        let attitude = UnitQuaternion::new(Vector3::new(0.7 * f64::from(seed as u32), 0.3, -0.5));
+        let pose = Isometry3::from_parts(Translation3::new(91e-3, -13e-3, -14e-3), attitude);
+        let lines = generator.poisson_window(&|_| pose, 0.0, mean_lines, true_share);
+        let mut tracker = Mixture::new(&set, noise_of_drawn(&scanner), MixtureOptions::default());
+        let Ok(found) = tracker.track(&lines, None) else { continue };
+        answered += 1;
+        let error = lumenav_core::pose::ominus(&found.world_from_capsule, &pose);
+        // Beyond the 99.999 % quantile of chi-square with 6 degrees of freedom.
+        wrong += usize::from(error.dot(&found.covariance.cholesky().unwrap().solve(&error)) > 33.1);
+    }
+    (answered, wrong)
 }

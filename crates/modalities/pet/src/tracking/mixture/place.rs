@@ -53,7 +53,7 @@ impl Mixture {
             self.carry_stack(lines, along, &mut stack);
         }
         let tested = if is_sound { &stack[..] } else { lines };
-        let found = self.find(tested);
+        let found = if is_sound { self.find(tested) } else { self.find_anew(tested) };
         // Of a sound pose only another place is looked for: the same one, a little better without a velocity, is none.
         let most = self
             .tops

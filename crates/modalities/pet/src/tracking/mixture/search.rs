@@ -7,7 +7,7 @@ use crate::tracking::centroid::Weight;
 use crate::tracking::climb::{COARSE, Top};
 use crate::tracking::densest::distance_m;
 use crate::tracking::window::Preparation;
-use nalgebra::{Matrix3, Matrix3x6, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix3x6, Vector3};
 
 /// A second attitude within this of the best makes a first pose ambiguous: odds of e^4.
 const AMBIGUOUS: f64 = 4.0;
@@ -21,6 +21,8 @@ const SEARCHED_GAIN: f64 = 28.0;
 /// place where scattered lines happen to crowd does not.
 const LEAST_TRUE_SHARE: f64 = 0.2;
 const LEAST_NEAR_SHARE: f64 = 0.5;
+/// What is like the best top is looked at about so many tops in turn.
+const LIKENESS_ROUNDS: usize = 3;
 /// Lines that a search looks at: beyond, more of them tell attitudes apart no better than 600 of which 120 are true.
 const SEARCH_LINES: usize = 600;
 
@@ -35,6 +37,53 @@ impl Mixture {
     pub(super) fn find(&mut self, lines: &[Line]) -> Result<Top, Failure> {
         let looked_at = self.look_everywhere(lines)?;
         self.unambiguous(looked_at)
+    }
+
+    /// The same where nothing is followed, and no place may be missed that is as likely.
+    pub(super) fn find_anew(&mut self, lines: &[Line]) -> Result<Top, Failure> {
+        let looked_at = self.look_everywhere(lines)?;
+        self.look_at_likes();
+        self.unambiguous(looked_at)
+    }
+
+    /// Climbs as well from what looks like the best top, in the lines that were looked at: its markers in every other order, seen from the
+    /// front and from behind (lines that run nearly one way tell hardly which marker is nearer). A search by the markers' distances to
+    /// lines that finds one of these may miss the others, and took it for the only one. Where a better one is found, about that again.
+    pub(super) fn look_at_likes(&mut self) {
+        for _ in 0..LIKENESS_ROUNDS {
+            let Some(best) = self.tops.first().copied() else { return };
+            let how =
+                Preparation { budget: Some(self.search_budget()), ..self.about(self.place_of(&best.pose)) };
+            if self.window.prepare(&self.looked_at, &self.noise, &how, self.needed()).is_err() {
+                return;
+            }
+            let behind = self.from_behind(&best);
+            let body = &self.body;
+            let starts = behind.into_iter().chain(body.reordered(best.pose));
+            for start in starts.chain(behind.into_iter().flat_map(|pose| body.reordered(pose))) {
+                let how = (SEARCH_STEPS, COARSE);
+                let (likelihood, window) = (&self.likelihood, &self.window);
+                self.tops.push(self.climber.climb(likelihood, window, &start, &self.shares, None, how));
+            }
+            self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            if self.tops.first().is_some_and(|top| self.body.distance_m(&top.pose, &best.pose) < SAME_POSE_M)
+            {
+                return;
+            }
+        }
+    }
+
+    /// The pose whose markers lie as far behind their middle as those of a top lie before it, along the way of which its lines tell least.
+    fn from_behind(&self, top: &Top) -> Option<Isometry3<f64>> {
+        let of_place = top.information.fixed_view::<3, 3>(0, 0).into_owned().symmetric_eigen();
+        let depth = of_place.eigenvectors.column(of_place.eigenvalues.imin()).into_owned();
+        let middle = self.place_of(&top.pose);
+        let mirrored = |marker: &Vector3<f64>| {
+            let place = top.pose.transform_point(&(*marker).into()).coords;
+            place - depth * (2.0 * depth.dot(&(place - middle)))
+        };
+        let places: Vec<Vector3<f64>> = self.likelihood.markers_capsule_m.iter().map(mirrored).collect();
+        self.body.fit(&places, &self.body.shares)
     }
 
     /// Fills `self.tops`, best first; how many lines were looked at.
@@ -105,7 +154,7 @@ impl Mixture {
         stack.clear();
         self.earlier_than(lines).for_each(|(kept, _)| stack.extend_from_slice(kept));
         stack.extend_from_slice(lines);
-        let found = if needed > 1 { self.start_of_stack(&stack, lines) } else { self.find(&stack) };
+        let found = if needed > 1 { self.start_of_stack(&stack, lines) } else { self.find_anew(&stack) };
         self.stack = stack;
         if is_early && !found.as_ref().is_ok_and(|top| self.is_settled(top)) {
             self.motion = None;

@@ -127,6 +127,7 @@ impl Mixture {
     /// to start from: of a capsule that moves the likeliest one at rest need not be the likeliest.
     pub(super) fn start_of_stack(&mut self, all: &[Line], lines: &[Line]) -> Result<Top, Failure> {
         self.look_everywhere(all)?;
+        self.look_at_likes();
         let mut windows: Vec<Vec<Line>> = self.earlier_than(lines).map(|(kept, _)| kept.clone()).collect();
         windows.push(lines.to_vec());
         let (Some(middle_s), Some(last_s)) = (mean_time_s(all), mean_time_s(lines)) else {
