@@ -16,10 +16,13 @@ mod changes;
 
 pub use changes::{CHANGES_SOURCES, ChangesTable};
 
+use crate::simulation::block::FWHM_PER_SIGMA;
 use lumenav_anatomy::phantom::Phantom;
 use lumenav_core::config::quantity::{Finite, Fraction, NonNegative, Positive};
 use lumenav_core::{ConfigError, Name, Node};
 use nalgebra::Vector3;
+use rand::{Rng, RngExt as _};
+use rand_distr::StandardNormal;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
@@ -447,6 +450,22 @@ impl Scanner {
                 && p.x.abs() <= half_width_m
                 && p.y.abs() <= half_length_m
         })
+    }
+
+    /// The place in a block that light tells of a deposit, where there are no crystals to tell it: along the face, not in depth; `None` beside what
+    /// is read out. Of a block of crystals, the place itself.
+    pub(crate) fn told_by_light<R: Rng + ?Sized>(
+        &self,
+        deposit_block_m: Vector3<f64>,
+        random: &mut R,
+    ) -> Option<Vector3<f64>> {
+        let Some(fwhm_m) = self.detection.position_fwhm_m else { return Some(deposit_block_m) };
+        let sigma_m = fwhm_m / FWHM_PER_SIGMA;
+        let (a, b): (f64, f64) = (random.sample(StandardNormal), random.sample(StandardNormal));
+        let told = deposit_block_m + Vector3::new(a * sigma_m, b * sigma_m, 0.0);
+        let is_read_out =
+            told.x.abs() <= self.grid.half_width_m() && told.y.abs() <= self.grid.half_length_m();
+        is_read_out.then_some(told)
     }
 
     /// Refuses an end of a recorded line that lies at no block: lines that are not this scanner's would be followed like any others.

@@ -237,6 +237,9 @@ pub struct Memory {
     pub marker_estimate: Option<estimate_markers::MarkerEstimate>,
     /// A search found that the followed pose, or the prediction, is wrong, and not yet which is right (`mixture`).
     pub doubted: bool,
+    /// Log-likelihood by which each other order of the markers was ahead of the one that is followed, in all tests since it was found
+    /// (`mixture`).
+    pub order_evidence: Vec<f64>,
     /// The last windows: their lines and the pose given for each.
     pub recent: Vec<(Vec<Line>, Isometry3<f64>)>,
 }

@@ -51,8 +51,10 @@ impl PhotonDetection {
             interacting[step] -= (-attenuation_per_m * grid.depth_m / direction.z).exp_m1();
             let mut photon = Photon::emitted(place - direction * 1e-3, direction, ELECTRON_REST_ENERGY_EV);
             let deposit = block.respond(&mut photon, &mut random);
-            let is_accepted =
-                deposit.is_some_and(|d| passes_window(&scanner.detection, d.energy_ev, &mut random));
+            let is_accepted = deposit.is_some_and(|d| {
+                passes_window(&scanner.detection, d.energy_ev, &mut random)
+                    && scanner.told_by_light(d.place_block_m, &mut random).is_some()
+            });
             passed[step] += f64::from(u8::from(is_accepted));
         }
         let share =

@@ -294,7 +294,7 @@ impl Detectors {
         }
     }
 
-    /// Reads a hit out: `None` where efficiency or energy window drop it. `after_s` is the decay's time.
+    /// Reads a hit out: `None` where efficiency, energy window or the end of what is read out drop it. `after_s` is the decay's time.
     pub fn read_out<R: Rng + ?Sized>(
         &self,
         hit: &Hit,
@@ -344,15 +344,8 @@ impl Detectors {
         let g = &self.scanner.grid;
         let (column, row) = hit.deposit.crystal;
         let crystal = CrystalIndex { x: hit.block as u32 * g.columns + column, z: row };
-        let mut place = hit.deposit.place_block_m;
-        if let Some(fwhm_m) = self.scanner.detection.position_fwhm_m {
-            // Without crystals light tells the place along the face, not the depth.
-            let sigma_m = fwhm_m / FWHM_PER_SIGMA;
-            let (a, b): (f64, f64) = (random.sample(StandardNormal), random.sample(StandardNormal));
-            place += Vector3::new(a * sigma_m, b * sigma_m, 0.0);
-            if place.x.abs() > g.half_width_m() || place.y.abs() > g.half_length_m() {
-                return None;
-            }
+        let mut place = self.scanner.told_by_light(hit.deposit.place_block_m, random)?;
+        if self.scanner.detection.position_fwhm_m.is_some() {
             place.z = self.scanner.told_depth_m();
         } else if self.end_points == EndPoints::Crystal {
             place.x = g.tangential_pitch_m * (f64::from(column) - 0.5 * f64::from(g.columns - 1));

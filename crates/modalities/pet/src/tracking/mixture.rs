@@ -123,7 +123,9 @@ pub struct Mixture {
     climber: Climber,
     tops: Vec<Top>,
     stack: Vec<Line>,
+    /// Lines of the last search, and of them those about the place where most pass.
     looked_at: Vec<Line>,
+    crowded: Vec<Line>,
     densest: Densest,
     /// Objective of each other order of the markers over the last windows, and its number.
     orders: Vec<(f64, usize)>,
@@ -155,6 +157,7 @@ impl Mixture {
             tops: Vec::new(),
             stack: Vec::new(),
             looked_at: Vec::new(),
+            crowded: Vec::new(),
             densest: Densest::default(),
             orders: Vec::new(),
             motion: None,
@@ -441,6 +444,9 @@ impl Tracker for Mixture {
         );
         if is_searched || !self.memory.started {
             self.memory.recent.clear();
+            // A search that found another order as likely would not have answered.
+            self.memory.order_evidence.clear();
+            self.memory.order_evidence.resize(self.body.permutations.len(), -search::AMBIGUOUS);
         }
         self.roles(&out.world_from_capsule, &mut out.roles);
         self.learn(lines, &top, due, out);

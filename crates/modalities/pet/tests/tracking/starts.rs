@@ -77,8 +77,8 @@ fn law_the_starts_covariance_covers_its_errors() {
         let factor = started.covariance.cholesky().unwrap();
         let truth = helix(middle_s(STACK - 1), FAST);
         // The base markers look alike: half a turn about the axis is the same pose.
-        let half = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-        let squared = |truth: nalgebra::Isometry3<f64>| {
+        let half = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let squared = |truth: Isometry3<f64>| {
             let error = lumenav_core::pose::ominus(&started.world_from_capsule, &truth);
             error.dot(&factor.solve(&error))
         };
@@ -187,7 +187,7 @@ fn law_a_tracker_goes_back_in_time_window_by_window() {
     rewind(&mut tracker, &helix(middle_s(STACK - 1), FAST), windows.iter().map(Vec::as_slice));
     let back = tracker.memory().world_from_capsule.unwrap();
     let (first, last) = (helix(middle_s(0), FAST), helix(middle_s(STACK - 1), FAST));
-    let off = |to: &nalgebra::Isometry3<f64>| (back.translation.vector - to.translation.vector).norm();
+    let off = |to: &Isometry3<f64>| (back.translation.vector - to.translation.vector).norm();
     assert!(off(&first) < 1.5e-3 && off(&last) > 2e-3, "{} {}", off(&first), off(&last));
 }
 

@@ -1,5 +1,6 @@
 //! The search for a pose without an idea where it is: all attitudes about two places, and what makes a find believed.
 
+use super::order::HOPELESS;
 use super::{MOST_START_WINDOWS, Mixture, SAME_POSE_M, SEARCH_STEPS, TEST_STEPS};
 use crate::line::Line;
 use crate::tracking::Failure;
@@ -10,7 +11,7 @@ use crate::tracking::window::Preparation;
 use nalgebra::{Isometry3, Matrix3, Matrix3x6, Vector3};
 
 /// A second attitude within this of the best makes a first pose ambiguous: odds of e^4.
-const AMBIGUOUS: f64 = 4.0;
+pub(super) const AMBIGUOUS: f64 = 4.0;
 /// A start that does not wait for all of its windows has seen so many: one tells no motion.
 const FEWEST_OF_AN_EARLY_START: usize = 2;
 /// Least gain of a pose that was searched for, as [`super::FOLLOWED_GAIN`]: half of what chi-square exceeds once in 10⁹ (30³ places and 60
@@ -50,31 +51,41 @@ impl Mixture {
     /// front and from behind (lines that run nearly one way tell hardly which marker is nearer). A search by the markers' distances to
     /// lines that finds one of these may miss the others, and took it for the only one. Where a better one is found, about that again.
     pub(super) fn look_at_likes(&mut self) {
+        let lines = std::mem::take(&mut self.looked_at);
         for _ in 0..LIKENESS_ROUNDS {
-            let Some(best) = self.tops.first().copied() else { return };
-            let how =
-                Preparation { budget: Some(self.search_budget()), ..self.about(self.place_of(&best.pose)) };
-            if self.window.prepare(&self.looked_at, &self.noise, &how, self.needed()).is_err() {
-                return;
-            }
-            let behind = self.from_behind(&best);
-            let body = &self.body;
-            let starts = behind.into_iter().chain(body.reordered(best.pose));
-            for start in starts.chain(behind.into_iter().flat_map(|pose| body.reordered(pose))) {
-                let how = (SEARCH_STEPS, COARSE);
-                let (likelihood, window) = (&self.likelihood, &self.window);
-                self.tops.push(self.climber.climb(likelihood, window, &start, &self.shares, None, how));
-            }
-            self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-            if self.tops.first().is_some_and(|top| self.body.distance_m(&top.pose, &best.pose) < SAME_POSE_M)
-            {
-                return;
+            // What is not believed anyway needs no rival.
+            let Ok(best) = self.supported(lines.len()) else { break };
+            if !self.climb_from_likes(&lines, &best) {
+                break;
             }
         }
+        self.looked_at = lines;
+    }
+
+    /// Adds to the tops what is found in lines from what is like one of them; whether another one is the best now.
+    fn climb_from_likes(&mut self, lines: &[Line], top: &Top) -> bool {
+        let how = Preparation { budget: Some(self.search_budget()), ..self.about(self.place_of(&top.pose)) };
+        if self.window.prepare(lines, &self.noise, &how, self.needed()).is_err() {
+            return false;
+        }
+        let behind = self.seen_from_behind(top);
+        let body = &self.body;
+        // The top itself, too: found in fewer lines it may have gained less.
+        let starts = [top.pose].into_iter().chain(behind).chain(body.reordered(top.pose));
+        for start in starts.chain(behind.into_iter().flat_map(|pose| body.reordered(pose))) {
+            let how = (SEARCH_STEPS, COARSE);
+            let (likelihood, window) = (&self.likelihood, &self.window);
+            let found = self.climber.climb(likelihood, window, &start, &self.shares, None, how);
+            if found.gain > top.gain - HOPELESS {
+                self.tops.push(found);
+            }
+        }
+        self.tops.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        self.tops.first().is_some_and(|best| self.body.distance_m(&best.pose, &top.pose) > SAME_POSE_M)
     }
 
     /// The pose whose markers lie as far behind their middle as those of a top lie before it, along the way of which its lines tell least.
-    fn from_behind(&self, top: &Top) -> Option<Isometry3<f64>> {
+    fn seen_from_behind(&self, top: &Top) -> Option<Isometry3<f64>> {
         let of_place = top.information.fixed_view::<3, 3>(0, 0).into_owned().symmetric_eigen();
         let depth = of_place.eigenvectors.column(of_place.eigenvalues.imin()).into_owned();
         let middle = self.place_of(&top.pose);
@@ -97,9 +108,13 @@ impl Mixture {
         if let Some(place) = self.densest.find(&looked_at)
             && !self.is_found_at(&place)
         {
-            looked_at.retain(|line| distance_m(line, &place) < self.noise.background_radius_m);
+            let mut crowded = std::mem::take(&mut self.crowded);
+            crowded.clear();
+            let near = |line: &&Line| distance_m(line, &place) < self.noise.background_radius_m;
+            crowded.extend(looked_at.iter().filter(near));
             // Where this finds nothing, what the centroid found is left.
-            let _ = self.search(&looked_at);
+            let _ = self.search(&crowded);
+            self.crowded = crowded;
         }
         self.looked_at = looked_at;
         if self.tops.is_empty() {
