@@ -27,6 +27,8 @@ fn law_values_out_of_range_name_key_and_range() {
         ("truth.kind=spiral", ["unknown variant `spiral`", "helix"]),
         ("track.magnetic.sensors=[\"camera\"]", ["no sensor `camera`", "plane"]),
         ("track.magnetic.filter.kind=ukf", ["unknown filter `ukf`", "eskf"]),
+        ("scenario.observe_from_s=2", ["scenario.observe_from_s", "less than duration_s = 2"]),
+        ("scenario.observe_from_s=-1", ["scenario.observe_from_s", "0 or above"]),
         ("scenario.colour=red", ["unknown field `colour`", "duration_s"]),
         ("sensor.plane.reality.bias=1", ["unknown field `bias`", "bias_sigma_tesla"]),
         ("scenario.name=a/b", ["not allowed as a name", "A-Z"]),

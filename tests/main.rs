@@ -20,6 +20,8 @@ mod recording;
 mod bed;
 // Plugins outside the modality crates, through the filter, against committed numbers.
 mod seam;
+// What is observed later is what was there; worlds are taken up where they were left.
+mod observe;
 // Published claims and fixtures at the level of whole runs.
 mod published;
 // Arrays that are not as installed: carried, cancelled, calibrated.

@@ -108,11 +108,8 @@ fn cross_gyroscope_and_gravity_equal_the_numpy_filter() {
     let mut front_end = GravityFrontEnd(Arc::new(model));
     let start = vector(&document.numbers("prior_rotation_vector_rad"));
     let options = EskfOptions { lag_s: NonNegative(0.2), ..options(1e-3, 1.0) };
-    let mut filter = Eskf::new(options, gyro.blocks()).with_prior(&prior(
-        0.01,
-        &start,
-        document.number("prior_sigma_rad"),
-    ));
+    let mut filter = Eskf::new(options, gyro.blocks())
+        .with_prior(&prior(0.01, &start, document.number("prior_sigma_rad")), SimTime::ZERO);
     let every = document.number("every") as usize;
     let (history, tilt) = (document.rows("history"), document.numbers("tilt_error_rad"));
     let forces = document.rows("accelerometer_m_s2");

@@ -336,7 +336,7 @@ fn nees(model: &LineModel, runs: u64, windows: u64) -> AcrossRunsSummary {
         options.initial_velocity_sigma_m_s.0 = 1e-9;
         options.initial_rate_sigma_rad_s.0 = 1e-9;
         options.max_iterations = 30;
-        let mut filter = Eskf::new(options, Vec::new()).with_prior(&prior);
+        let mut filter = Eskf::new(options, Vec::new()).with_prior(&prior, SimTime::ZERO);
         let mut values = Vec::new();
         for k in 0..windows {
             let reading = window(k, &draw(&truthful, &truth, &streams, k));

@@ -96,11 +96,8 @@ fn cross_ranges_with_biases_equal_filterpy_over_1000_steps() {
         ..options(document.number("velocity_random_walk_m_s_per_sqrt_s"), 0.1)
     };
     let turned = Vector3::new(0.3, -0.2, 0.9);
-    let mut filter = Eskf::new(options, front_end.blocks()).with_prior(&prior(
-        prior_sigma.number("position_m"),
-        &turned,
-        0.1,
-    ));
+    let mut filter = Eskf::new(options, front_end.blocks())
+        .with_prior(&prior(prior_sigma.number("position_m"), &turned, 0.1), SimTime::ZERO);
     let attitude = filter.belief().unwrap().state.world_from_capsule.rotation;
     let (nis, states, variances) =
         (document.numbers("nis"), document.rows("states"), document.rows("variances"));

@@ -89,6 +89,11 @@ impl<L: Look> Sensor for Periodic<L> {
         SimTime(PERIOD_NS * (self.sequence as i64 + 1))
     }
 
+    fn skip_to(&mut self, at: SimTime) {
+        let periods = at.0.max(0).unsigned_abs().div_ceil(PERIOD_NS.unsigned_abs());
+        self.sequence = if L::LOOKS_BACK { periods } else { periods.saturating_sub(1) };
+    }
+
     fn look_back_ns(&self) -> i64 {
         if L::LOOKS_BACK { PERIOD_NS } else { 0 }
     }

@@ -171,6 +171,13 @@ pub struct RunOptions {
     /// Write what the sensors measured, for `lumenav replay`.
     #[arg(long)]
     pub save_readings: bool,
+    /// Keep the world's state in this folder as it goes, and let a scenario with `observe_from_s` start from the latest state of its world that
+    /// lies before, instead of from zero: the same bytes, sooner.
+    #[arg(long, value_name = "FOLDER")]
+    pub checkpoints: Option<PathBuf>,
+    /// Simulated seconds between two states.
+    #[arg(long, value_name = "SECONDS", default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..))]
+    pub checkpoint_every: u32,
     /// How much the recording keeps.
     #[arg(long, value_enum, default_value_t = Record::Bounded)]
     pub record: Record,

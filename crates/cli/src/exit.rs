@@ -56,7 +56,7 @@ pub fn code_of(error: &anyhow::Error) -> ExitCode {
                 .downcast_ref::<LayoutError>()
                 .is_some_and(|e| !matches!(e, LayoutError::Stopped | LayoutError::Interrupted))
             || match cause.downcast_ref::<RunError>() {
-                Some(RunError::Config(_) | RunError::Modality(_)) => true,
+                Some(RunError::Config(_) | RunError::Modality(_) | RunError::Checkpoint { .. }) => true,
                 // Transparent: the chain goes past the inner error to its source.
                 Some(RunError::Scenario(inner)) => of_scenario(inner),
                 _ => false,

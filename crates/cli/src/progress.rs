@@ -38,7 +38,7 @@ impl RunObserver for Progress {
     }
 
     fn on(&mut self, event: &RunEvent<'_>) -> Result<(), ObserverError> {
-        if let (Some(bar), RunEvent::Clock { at }) = (&self.bar, event) {
+        if let (Some(bar), RunEvent::Clock { at } | RunEvent::Unobserved { at }) = (&self.bar, event) {
             bar.set_position(at.seconds().max(0.0) as u64);
         }
         Ok(())

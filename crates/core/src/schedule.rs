@@ -34,6 +34,20 @@ impl Schedule {
         SimTime(nanoseconds(self.start_s.0)) + since_start_ns
     }
 
+    /// The sequence number of the first reading that is due at `at` or later.
+    pub fn first_from(&self, at: SimTime) -> u64 {
+        // Rounded to nanoseconds an instant may lie to either side of its neighbour's: the nearest whole number, put right.
+        let since_start_s = at.since_s(SimTime(nanoseconds(self.start_s.0)));
+        let mut sequence = (since_start_s * self.rate_hz.0).round().max(0.0) as u64;
+        while sequence > 0 && self.due(sequence - 1) >= at {
+            sequence -= 1;
+        }
+        while self.due(sequence) < at {
+            sequence += 1;
+        }
+        sequence
+    }
+
     /// When a reading whose interval ends at `end` arrives.
     pub fn arrival(&self, end: SimTime) -> SimTime {
         end + nanoseconds(self.latency_ms.0 * 1e-3)
@@ -106,6 +120,27 @@ mod tests {
         };
         assert_eq!(schedule.due(1), SimTime(i64::MAX));
         assert_eq!(schedule.arrival(schedule.due(u64::MAX)), SimTime(i64::MAX));
+    }
+
+    #[test]
+    fn law_the_first_reading_from_an_instant_is_the_first_that_is_due_there() {
+        for (rate_hz, start_s) in [(3.0, 0.5), (20.0, 0.0), (7.0, 0.1), (1e-3, 0.0), (1e6, 2.0)] {
+            let schedule = Schedule {
+                rate_hz: Positive(rate_hz),
+                start_s: NonNegative(start_s),
+                latency_ms: NonNegative(0.0),
+                loss: Fraction(0.0),
+            };
+            for at_s in [0.0, 0.5, 1.0, 7.0 / 3.0, 1234.567, 28_800.0] {
+                let at = SimTime::from_seconds(at_s);
+                let first = schedule.first_from(at);
+                assert!(schedule.due(first) >= at, "{rate_hz} {at_s}");
+                assert!(first == 0 || schedule.due(first - 1) < at, "{rate_hz} {at_s}");
+            }
+            for sequence in [0, 1, 17, 100_003] {
+                assert_eq!(schedule.first_from(schedule.due(sequence)), sequence, "{rate_hz}");
+            }
+        }
     }
 
     #[test]

@@ -24,6 +24,11 @@ pub trait Sensor: Send {
     /// The next instant at which it wants to be asked. The pipeline merges these and stops the engine there.
     fn next_due(&self) -> SimTime;
 
+    /// Nobody looks before `at`: makes [`Sensor::next_due`] the first of its instants whose whole interval lies from there on, with the
+    /// sequence number, and so the random numbers, that it has in a run that is watched from the start. Called once, before the first
+    /// [`Sensor::observe`].
+    fn skip_to(&mut self, at: SimTime);
+
     /// How far back of that instant it looks, in nanoseconds (an exposure, a 50 ms window). The pipeline keeps that
     /// much truth and no more.
     fn look_back_ns(&self) -> i64 {

@@ -123,8 +123,8 @@ impl Eskf {
         }
     }
 
-    /// Starts from `[track.prior]` at the scenario's start.
-    pub fn with_prior(mut self, prior: &PriorOptions) -> Self {
+    /// Starts from `[track.prior]` at an instant, that from which the scenario is observed.
+    pub fn with_prior(mut self, prior: &PriorOptions, begins: SimTime) -> Self {
         let rotation = Vector3::from(prior.rotation_vector_deg.map(|v| v.0.to_radians()));
         let mut covariance = Matrix6::zeros();
         for i in 0..3 {
@@ -137,11 +137,11 @@ impl Eskf {
             covariance,
             kind: FixKind::Full,
         };
-        let mut belief = self.fresh_belief(SimTime::ZERO, &fix, None);
+        let mut belief = self.fresh_belief(begins, &fix, None);
         belief.state.velocity_world_m_s = Vector3::from(prior.velocity_mm_s.map(|v| v.0 * 1e-3));
         self.stage.belief = Some(belief);
-        self.newest = SimTime::ZERO;
-        self.begins = SimTime::ZERO;
+        self.newest = begins;
+        self.begins = begins;
         self
     }
 
@@ -516,7 +516,7 @@ impl Filter for Eskf {
 pub(crate) fn build(options: &Node, setup: &FilterSetup<'_>) -> Result<Option<Box<dyn Filter>>, ConfigError> {
     let mut eskf = Eskf::new(options.parse()?, setup.blocks.clone());
     if let Some(prior) = setup.prior {
-        eskf = eskf.with_prior(&prior.parse::<PriorOptions>()?);
+        eskf = eskf.with_prior(&prior.parse::<PriorOptions>()?, setup.begins);
     }
     Ok(Some(Box::new(eskf)))
 }

@@ -156,6 +156,8 @@ pub struct FilterSetup<'n> {
     pub blocks: Vec<BlockSpec>,
     /// `[track.prior]`, where the track has one.
     pub prior: Option<&'n Node>,
+    /// When the track begins to be observed: the instant that the prior is about.
+    pub begins: SimTime,
     /// The tract as a map, where estimators may know it.
     pub map: Option<Arc<dyn PathMap>>,
 }

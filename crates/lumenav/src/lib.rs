@@ -97,7 +97,7 @@ pub fn open_scenario(
 /// [`ScenarioError`] with file, line, key and what is allowed.
 pub fn stage(file: &ScenarioFile, seed: u64, trial: u64) -> Result<Stage, ScenarioError> {
     let built = lumenav_scenario::build_world(file, seed, trial)?;
-    Ok(Stage { world: built.world, map: built.map })
+    Ok(Stage { world: built.world, map: built.map, checkpoints: None })
 }
 
 /// Checks a scenario as far as it can be checked without running it: every table, every model it names.

@@ -3,7 +3,7 @@
 use crate::error::RunError;
 use crate::events::{RunHeader, SensorHeader, TrackHeader};
 use crate::track::{Input, Track, blocks};
-use lumenav_core::{Modality, Name, PathMap, Registry, Sensor, Setup};
+use lumenav_core::{Modality, Name, PathMap, Registry, Sensor, Setup, SimTime};
 use lumenav_fusion::FilterSetup;
 use lumenav_scenario::{ScenarioFile, SensorEntry};
 use std::sync::Arc;
@@ -110,7 +110,12 @@ pub fn tracks(
                 taken: None,
             });
         }
-        let setup = FilterSetup { blocks: blocks(&inputs), prior: track.prior.as_ref(), map: map.cloned() };
+        let setup = FilterSetup {
+            blocks: blocks(&inputs),
+            prior: track.prior.as_ref(),
+            begins: SimTime::from_seconds(file.scenario.observe_from_s.0),
+            map: map.cloned(),
+        };
         let filter = lumenav_fusion::build(&track.filter, &setup)?;
         tracks.push(Track::new(track.name.clone(), inputs, filter, &track.node)?);
     }
@@ -142,6 +147,7 @@ pub fn header(file: &ScenarioFile, seed: u64, trial: u64, has_truth: bool) -> Re
         seed,
         trial,
         duration_s: file.scenario.duration_s.map(|d| d.0),
+        observe_from_s: file.scenario.observe_from_s.0,
         tracks,
         sensors: file.sensors.iter().map(sensor_header).collect(),
         capsule: file.body,

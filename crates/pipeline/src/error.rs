@@ -34,6 +34,14 @@ pub enum RunError {
         /// What is wrong and what is allowed.
         why: String,
     },
+    /// A kept state of the world cannot be written, read or used.
+    #[error("checkpoint {path}: {why}; a file that is damaged may be removed")]
+    Checkpoint {
+        /// The file.
+        path: String,
+        /// Why.
+        why: String,
+    },
     /// An observer failed.
     #[error(transparent)]
     Observer(#[from] ObserverError),

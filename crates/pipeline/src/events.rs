@@ -22,6 +22,8 @@ pub struct RunHeader {
     pub trial: u64,
     /// End of the scenario; `None` in a replay (until the data end).
     pub duration_s: Option<f64>,
+    /// When it begins to be observed, s; 0 in a replay.
+    pub observe_from_s: f64,
     /// The tracks in the file's order.
     pub tracks: Vec<TrackHeader>,
     /// The sensors in the file's order.
@@ -227,6 +229,11 @@ pub enum RunEvent<'a> {
         source: &'a str,
         /// In words.
         text: &'a str,
+    },
+    /// The world has come so far, and nobody looks yet: for progress, about once per simulated second.
+    Unobserved {
+        /// The simulated time.
+        at: SimTime,
     },
     /// The clock moved: for progress, once per simulated second; in a replay at the rate at which availability is judged.
     Clock {

@@ -9,6 +9,7 @@
 
 use crate::ahead::read_ahead;
 use crate::build;
+use crate::checkpoints::Checkpoints;
 use crate::control::{self, Control};
 use crate::error::RunError;
 use crate::events::{RunEvent, RunHeader, RunObserver, SceneOwner, TrackUpdate};
@@ -51,6 +52,8 @@ pub struct RunSummary {
 
 /// A world with its map, ready to run.
 pub struct Stage {
+    /// Where its states are kept, and taken up; `None`: nowhere.
+    pub checkpoints: Option<Checkpoints>,
     /// The world.
     pub world: Box<dyn World>,
     /// The tract as a map for evaluation.
@@ -105,6 +108,7 @@ pub fn simulate(
             .into());
     };
     let header = build::header(file, seed, trial, true)?;
+    let begin = SimTime(nanoseconds(file.scenario.observe_from_s.0));
     let mut run = Simulation {
         streams: RandomStreams::new(seed, trial, ""),
         sensors: build::sensors(file, registry, stage.map.as_ref())?,
@@ -113,7 +117,9 @@ pub fn simulate(
         faults: Faults::new(file.faults.clone()),
         world: stage.world,
         map: stage.map,
+        checkpoints: stage.checkpoints,
         queue: BTreeMap::new(),
+        begin,
         end: SimTime(nanoseconds(duration_s.0)),
         keep_ns: 0,
         truth_period_ns: nanoseconds(1.0 / file.record.truth_rate_hz.0).max(1),
@@ -122,8 +128,10 @@ pub fn simulate(
     };
     run.controls = control::controls(file, &mut run.sensors)?;
     observers.start(&header)?;
+    run.keep_ns = run.longest_look_back_ns(file);
+    run.come_to_begin(observers, stop)?;
     run.announce(file, observers)?;
-    run.fill_queue(file);
+    run.fill_queue();
     run.go(observers, stop)?;
     observers.finish()?;
     Ok(run.summary)
@@ -389,6 +397,9 @@ struct Simulation {
     map: Option<Arc<dyn PathMap>>,
     /// Events by time and kind; arrivals carry their observation.
     queue: BTreeMap<(SimTime, Kind), Option<Observation>>,
+    checkpoints: Option<Checkpoints>,
+    /// From here on anybody looks.
+    begin: SimTime,
     end: SimTime,
     /// How much truth behind the present is kept.
     keep_ns: i64,
@@ -402,7 +413,7 @@ impl Simulation {
     fn announce(&mut self, file: &ScenarioFile, observers: &mut Observers<'_>) -> Result<(), RunError> {
         let mut primitives: Vec<Primitive> = Vec::new();
         self.world.static_scene(&mut primitives);
-        let at = SimTime::ZERO;
+        let at = self.begin;
         observers.tell(&RunEvent::Scene { at, owner: &SceneOwner::World, primitives: &primitives })?;
         for fault in &file.faults {
             let (_, start_s, _) = fault.place();
@@ -412,16 +423,20 @@ impl Simulation {
         Ok(())
     }
 
-    fn fill_queue(&mut self, file: &ScenarioFile) {
-        self.queue.insert((SimTime::ZERO, Kind::Truth), None);
-        self.queue.insert((SimTime::ZERO, Kind::Scene), None);
-        self.queue.insert((SimTime::ZERO, Kind::Clock), None);
+    fn fill_queue(&mut self) {
+        self.queue.insert((self.begin, Kind::Truth), None);
+        self.queue.insert((self.begin, Kind::Scene), None);
+        self.queue.insert((self.begin, Kind::Clock), None);
         for (index, (_, sensor)) in self.sensors.iter().enumerate() {
             self.queue.insert((sensor.next_due(), Kind::Due(index)), None);
         }
         for index in 0..self.controls.len() {
-            self.queue.insert((SimTime::ZERO, Kind::Control(index)), None);
+            self.queue.insert((self.begin, Kind::Control(index)), None);
         }
+    }
+
+    /// How much truth behind the present anybody may ask for.
+    fn longest_look_back_ns(&self, file: &ScenarioFile) -> i64 {
         let look_back = self.sensors.iter().map(|(_, s)| s.look_back_ns()).max().unwrap_or(0);
         let latency_s = file.sensors.iter().filter_map(|s| s.schedule).map(|s| s.latency_ms.0 * 1e-3);
         let delay_s: f64 = file
@@ -431,9 +446,46 @@ impl Simulation {
                 if let lumenav_scenario::Fault::Delay { delay_ms, .. } = f { delay_ms.0 * 1e-3 } else { 0.0 }
             })
             .sum();
-        self.keep_ns = look_back.saturating_add(
+        look_back.saturating_add(
             nanoseconds(latency_s.fold(0.0, f64::max) + delay_s).saturating_add(NANOSECONDS_PER_SECOND),
-        );
+        )
+    }
+
+    /// Lets the world run alone until it is looked at: from zero, or from the latest state of it that was kept.
+    fn come_to_begin(
+        &mut self,
+        observers: &mut Observers<'_>,
+        stop: StopRequest<'_>,
+    ) -> Result<(), RunError> {
+        // What is said before it runs.
+        self.pass_on_notes(observers)?;
+        if self.begin == SimTime::ZERO {
+            return Ok(());
+        }
+        let mut at = SimTime::ZERO;
+        if let Some(checkpoints) = &self.checkpoints {
+            let until = self.begin - self.keep_ns;
+            at = checkpoints.take_up(&mut *self.world, until)?.unwrap_or(at);
+        }
+        while at < self.begin {
+            if stop() {
+                return Err(RunError::Stopped { at });
+            }
+            at = (at + NANOSECONDS_PER_SECOND).min(self.begin);
+            self.world.advance_to(at)?;
+            self.world.forget_before(at - self.keep_ns);
+            // Who does not look is told nothing, wherever the world came from.
+            drop(self.world.take_notes());
+            self.keep_checkpoint(at)?;
+            observers.tell(&RunEvent::Unobserved { at })?;
+        }
+        self.sensors.iter_mut().for_each(|(_, sensor)| sensor.skip_to(self.begin));
+        Ok(())
+    }
+
+    fn keep_checkpoint(&self, at: SimTime) -> Result<(), RunError> {
+        let Some(checkpoints) = self.checkpoints.as_ref().filter(|all| all.is_due(at)) else { return Ok(()) };
+        self.world.checkpoint().map_or(Ok(()), |state| checkpoints.keep(at, &state))
     }
 
     fn go(&mut self, observers: &mut Observers<'_>, stop: StopRequest<'_>) -> Result<(), RunError> {
@@ -464,6 +516,7 @@ impl Simulation {
                         return Err(RunError::Stopped { at });
                     }
                     self.world.forget_before(at - self.keep_ns);
+                    self.keep_checkpoint(at)?;
                     observers.tell(&RunEvent::Clock { at })?;
                     self.queue.insert((at + NANOSECONDS_PER_SECOND, Kind::Clock), None);
                 }

@@ -64,7 +64,7 @@ fn run() -> Seen {
     let file = ScenarioFile::from_node(node, ModelFolder::new(root.join("models"))).unwrap();
     let built = build_world(&file, 1, 0).unwrap();
     let mut seen = Seen::default();
-    let stage = Stage { world: built.world, map: built.map };
+    let stage = Stage { world: built.world, map: built.map, checkpoints: None };
     let registry = Registry::new().with(Magnetic);
     let mut observers = Observers::new(vec![&mut seen]);
     let summary = simulate(&file, &registry, 1, 0, stage, &mut observers, &|| false).unwrap();

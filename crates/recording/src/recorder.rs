@@ -138,7 +138,10 @@ impl Run {
         layout.paths.push("/world/capsule/path".to_owned());
         let mut run = Self {
             store,
-            pace: Pace { full: options.full, duration_s: header.duration_s },
+            pace: Pace {
+                full: options.full,
+                duration_s: header.duration_s.map(|end_s| end_s - header.observe_from_s),
+            },
             layout,
             truth: Drawn::new("world/capsule".to_owned(), "truth", palette::TRUTH),
             segment: None,
@@ -215,7 +218,7 @@ impl Run {
                 let z_mm = 1e3 * world_from_sensor.translation.z;
                 self.plot(output, "moved", controller, &time_point(*at, None), z_mm).map(|_| ())
             }
-            RunEvent::Reading { .. } => Ok(()),
+            RunEvent::Reading { .. } | RunEvent::Unobserved { .. } => Ok(()),
         }
     }
 

@@ -53,6 +53,9 @@ pub struct Metrics {
     pub trial: u64,
     /// Simulated time, s.
     pub duration_s: f64,
+    /// From where the scenario was observed, s: figures are of what came then.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub observe_from_s: f64,
     /// Figures per track.
     pub tracks: BTreeMap<String, TrackMetrics>,
     /// What the sensors delivered.
@@ -116,9 +119,8 @@ pub struct SensorMetrics {
     pub events: u64,
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
-fn is_zero(count: &u64) -> bool {
-    *count == 0
+fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// The figures of one track.
@@ -563,6 +565,7 @@ impl MetricsObserver {
             seed: header.seed,
             trial: header.trial,
             duration_s: header.duration_s.unwrap_or(self.last.seconds()),
+            observe_from_s: header.observe_from_s,
             tracks: self
                 .tracks
                 .iter_mut()

@@ -10,7 +10,7 @@ use crate::loose::{self, LooseTable};
 use crate::obstacles;
 use crate::patient::{Patient, calibrated_frame, frame_of};
 use crate::wave_notes::WaveWatch;
-use crate::world::{TruthHistory, World, WorldNote};
+use crate::world::{Checkpoint, TruthHistory, World, WorldNote};
 use lumenav_anatomy::lumen::Lumen;
 use lumenav_anatomy::motility::Motility;
 use lumenav_anatomy::motility_config::MotilityConfig;
@@ -156,10 +156,10 @@ impl EngineWorld {
         self.engine.patient().map(|patient| &**patient)
     }
 
-    /// Adds the engine's state to the history, and its events to the notes.
-    fn remember(&mut self) {
+    /// The engine's state, in the gut's frame.
+    fn now(&self) -> CapsuleTruth {
         let state = self.engine.state_in_gut();
-        self.history.push(CapsuleTruth {
+        CapsuleTruth {
             at: state.at,
             world_from_capsule: state.world_from_capsule,
             velocity_world_m_s: state.velocity_world_m_s,
@@ -169,7 +169,13 @@ impl EngineWorld {
             // What has left is in no segment.
             segment: (!state.left).then(|| self.engine.tract().segment_name_at(state.arc_length_m)),
             wall_force_n: Some(state.wall_force_n),
-        });
+        }
+    }
+
+    /// Adds the engine's state to the history, and its events to the notes.
+    fn remember(&mut self) {
+        let state = self.engine.state_in_gut();
+        self.history.push(self.now());
         while let Some(note) = self.to_tell.pop_if(|note| note.at <= state.at) {
             self.notes.push(note);
         }
@@ -259,6 +265,36 @@ impl World for EngineWorld {
 
     fn take_notes(&mut self) -> Vec<WorldNote> {
         std::mem::take(&mut self.notes)
+    }
+
+    fn checkpoint(&self) -> Option<Checkpoint> {
+        // The engine's own bytes end where the stages of the waves begin.
+        let snapshot = self.engine.snapshot();
+        let mut bytes = (snapshot.len() as u64).to_le_bytes().to_vec();
+        bytes.extend_from_slice(&snapshot);
+        bytes.extend(self.waves.stages());
+        Some(Checkpoint { world: self.engine.fingerprint(), bytes })
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), ScenarioError> {
+        let damaged = || ScenarioError::Checkpoint { why: "cut short, or damaged" };
+        let (length, rest) = bytes.split_first_chunk::<8>().ok_or_else(damaged)?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| damaged())?;
+        let (snapshot, stages) = rest.split_at_checked(length).ok_or_else(damaged)?;
+        let before = self.waves.stages();
+        self.waves.recall(stages).ok_or_else(damaged)?;
+        if let Err(error) = self.engine.restore(snapshot) {
+            // They were its own.
+            let _ = self.waves.recall(&before);
+            let why = if let EngineError::Snapshot { reason } = error { reason } else { "refused" };
+            return Err(ScenarioError::Checkpoint { why });
+        }
+        let now = self.now();
+        self.to_tell.retain(|note| note.at > now.at);
+        self.notes.clear();
+        self.history = TruthHistory::default();
+        self.history.push(now);
+        Ok(())
     }
 
     fn static_scene(&self, out: &mut Vec<Primitive>) {

@@ -11,6 +11,12 @@ pub enum ScenarioError {
     /// A recorded trajectory cannot be read.
     #[error(transparent)]
     Records(#[from] ModalityError),
+    /// A world's state does not fit it.
+    #[error("no checkpoint of this world: {why}")]
+    Checkpoint {
+        /// Why not.
+        why: &'static str,
+    },
     /// The engine's world broke a law of its own.
     #[error("engine at {at_s:.3} s: {what}")]
     Engine {

@@ -27,6 +27,9 @@ pub struct ScenarioTable {
     pub description: String,
     /// Length, s, at most 1e7 (four months). In a replay the data decide.
     pub duration_s: Option<Positive>,
+    /// Nobody looks before, s: sensors, tracks, log and recording begin here, in a world that has run since 0. Default 0.
+    #[serde(default)]
+    pub observe_from_s: NonNegative,
     /// Seed of all random streams. Default 1.
     #[serde(default = "seed")]
     pub seed: u64,
@@ -40,7 +43,8 @@ fn seed() -> u64 {
 }
 
 /// Where the defaults of these tables come from.
-pub(crate) const SCENARIO_SOURCES: [(&str, &str); 1] = [("seed", "chosen: any number serves")];
+pub(crate) const SCENARIO_SOURCES: [(&str, &str); 2] =
+    [("observe_from_s", "chosen: from the start"), ("seed", "chosen: any number serves")];
 pub(crate) const CAPSULE_SOURCES: [(&str, &str); 2] = [
     ("start_arc_length_mm", "chosen: clear of the tract's end by a little more than a capsule's length"),
     ("start_roll_deg", "chosen: no turn"),
@@ -478,9 +482,7 @@ impl ScenarioFile {
         let _: Outline = node.parse_quietly()?;
         let scenario: ScenarioTable = node.child_or_empty("scenario").parse_sourced(&SCENARIO_SOURCES)?;
         check_name(&scenario.name, &node.child_or_empty("scenario"))?;
-        if let Some(duration_s) = scenario.duration_s {
-            check_range(&node.child_or_empty("scenario"), "duration_s", duration_s.0, 1e-6, 1e7)?;
-        }
+        check_times(&node.child_or_empty("scenario"), &scenario)?;
         let capsule: CapsuleTable = node.child_or_empty("capsule").parse_sourced(&CAPSULE_SOURCES)?;
         let capsule_model =
             models.open("capsules", &capsule.model, &node.child_or_empty("capsule"), "model")?;
@@ -508,7 +510,7 @@ impl ScenarioFile {
         check_range(&record_node, "truth_rate_hz", record.truth_rate_hz.0, 1e-6, 1e4)?;
         check_range(&record_node, "scene_rate_hz", record.scene_rate_hz.0, 1e-6, 1e4)?;
         let expect = read_expectations(&node, &tracks)?;
-        let periods = read_periods(&node, scenario.duration_s)?;
+        let periods = read_periods(&node, &scenario)?;
         Ok(Self {
             scenario,
             capsule,
@@ -528,7 +530,24 @@ impl ScenarioFile {
     }
 }
 
-fn read_periods(node: &Node, duration_s: Option<Positive>) -> Result<Vec<PeriodTable>, ConfigError> {
+fn check_times(node: &Node, scenario: &ScenarioTable) -> Result<(), ConfigError> {
+    let from_s = scenario.observe_from_s.0;
+    let Some(duration_s) = scenario.duration_s else {
+        if from_s > 0.0 {
+            let message = "a replay is observed from its first reading on; leave this out";
+            return Err(node.error_at("observe_from_s", message));
+        }
+        return Ok(());
+    };
+    check_range(node, "duration_s", duration_s.0, 1e-6, 1e7)?;
+    if from_s >= duration_s.0 {
+        let message = format!("the scenario has ended by then; give less than duration_s = {}", duration_s.0);
+        return Err(node.error_at("observe_from_s", &message));
+    }
+    Ok(())
+}
+
+fn read_periods(node: &Node, scenario: &ScenarioTable) -> Result<Vec<PeriodTable>, ConfigError> {
     let mut seen = BTreeSet::new();
     let mut periods = Vec::new();
     for entry in node.children("period")? {
@@ -538,7 +557,14 @@ fn read_periods(node: &Node, duration_s: Option<Positive>) -> Result<Vec<PeriodT
             let message = format!("ends before it begins; give more than from_s = {}", period.from_s.0);
             return Err(entry.error_at("to_s", &message));
         }
-        if let Some(duration_s) = duration_s.filter(|duration_s| period.from_s.0 >= duration_s.0) {
+        if period.to_s.0 <= scenario.observe_from_s.0 {
+            let message = format!(
+                "ends before anybody looks; give more than observe_from_s = {}",
+                scenario.observe_from_s.0
+            );
+            return Err(entry.error_at("to_s", &message));
+        }
+        if let Some(duration_s) = scenario.duration_s.filter(|duration_s| period.from_s.0 >= duration_s.0) {
             let message = format!("begins after the end of the scenario; give less than {}", duration_s.0);
             return Err(entry.error_at("from_s", &message));
         }

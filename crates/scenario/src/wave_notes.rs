@@ -19,6 +19,8 @@ enum Stage {
     Over,
 }
 
+const STAGES: [Stage; 4] = [Stage::Waiting, Stage::Away, Stage::AtCapsule, Stage::Over];
+
 /// The scheduled contractions, each with where it stands.
 pub(crate) struct WaveWatch {
     waves: Vec<(Wave, Stage)>,
@@ -27,6 +29,25 @@ pub(crate) struct WaveWatch {
 impl WaveWatch {
     pub(crate) fn new(motility: &Motility) -> Self {
         Self { waves: motility.scheduled().iter().map(|wave| (*wave, Stage::Waiting)).collect() }
+    }
+
+    /// Where each stands, in the order in which they are scheduled.
+    pub(crate) fn stages(&self) -> Vec<u8> {
+        self.waves
+            .iter()
+            .map(|(_, stage)| STAGES.iter().position(|one| one == stage).unwrap_or(0) as u8)
+            .collect()
+    }
+
+    /// Takes back what [`Self::stages`] told; `None`, and nothing changed, where those are of other waves.
+    pub(crate) fn recall(&mut self, stages: &[u8]) -> Option<()> {
+        let known: Vec<Stage> =
+            stages.iter().map(|stage| STAGES.get(usize::from(*stage)).copied()).collect::<Option<_>>()?;
+        if known.len() != self.waves.len() {
+            return None;
+        }
+        self.waves.iter_mut().zip(known).for_each(|((_, stage), known)| *stage = known);
+        Some(())
     }
 
     /// Tells what has changed until `at`, with the capsule at an arc length.

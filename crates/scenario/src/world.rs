@@ -14,6 +14,15 @@ pub struct WorldNote {
     pub text: String,
 }
 
+/// A world's state.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Checkpoint {
+    /// Of what the world was built from: scenario, seed, trial. A state belongs to worlds with the same.
+    pub world: u64,
+    /// The state.
+    pub bytes: Vec<u8>,
+}
+
 /// A source of truth, engine or kinematic.
 pub trait World: Send {
     /// Moves on so that truth is known up to `to`.
@@ -30,6 +39,19 @@ pub trait World: Send {
 
     /// Notes since the last call.
     fn take_notes(&mut self) -> Vec<WorldNote>;
+
+    /// Its state as bytes, from which a world built alike goes on bit by bit; `None` where that saves nothing (a function of time alone).
+    fn checkpoint(&self) -> Option<Checkpoint> {
+        None
+    }
+
+    /// Takes on the state of a checkpoint of a world built alike. Notes from before it are dropped.
+    ///
+    /// # Errors
+    /// [`ScenarioError::Checkpoint`]: other bytes, or of another world. The world is then as it was.
+    fn restore(&mut self, _bytes: &[u8]) -> Result<(), ScenarioError> {
+        Err(ScenarioError::Checkpoint { why: "this world has none" })
+    }
 
     /// What does not move, or moves as a whole: tract, body.
     fn static_scene(&self, out: &mut Vec<Primitive>);

@@ -33,6 +33,10 @@ impl Sensor for BeaconSensor {
         self.schedule.due(self.sequence)
     }
 
+    fn skip_to(&mut self, at: SimTime) {
+        self.sequence = self.schedule.first_from(at);
+    }
+
     fn observe(
         &mut self,
         truth: &dyn TruthView,

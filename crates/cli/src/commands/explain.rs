@@ -120,11 +120,11 @@ fn touches(from_s: f64, to_s: f64, window: Option<(f64, f64)>) -> bool {
     window.is_none_or(|(from, to)| to_s >= from && from_s <= to)
 }
 
-/// From when to when there could have been updates: 0 to the end in a scenario, the recorded time in a replay.
+/// From when to when there could have been updates: from where it is observed to the end in a scenario, the recorded time in a replay.
 fn span_of(metrics: &Metrics, scenario: &toml::Table, rows: &[TrackRow], events: &[LoggedEvent]) -> Span {
     let duration = scenario.get("scenario").and_then(|s| s.get("duration_s"));
     if duration.is_some() && !is_replay(scenario) {
-        return Span { from_s: 0.0, to_s: metrics.duration_s };
+        return Span { from_s: metrics.observe_from_s, to_s: metrics.duration_s };
     }
     let times = || rows.iter().map(|r| r.t_ns).chain(events.iter().map(|e| e.t_ns));
     let from_s = times().min().map_or(0.0, seconds);

@@ -7,10 +7,12 @@ use crate::provenance;
 use crate::table;
 use anyhow::{Context as _, bail};
 use lumenav::core::Registry;
-use lumenav::pipeline::{Observers, RunObserver, build, simulate};
+use lumenav::core::time::NANOSECONDS_PER_SECOND;
+use lumenav::pipeline::{Checkpoints, Observers, RunObserver, Stage, build, simulate};
 use lumenav::recording::{RecorderOptions, RrdRecorder};
 use lumenav::report::{
-    Manifest, Metrics, Provenance, RunWriter, Timing, WriterOptions, check_replaceable, read_json,
+    Manifest, Metrics, Provenance, RunWriter, Timing, WriterOptions, check_replaceable, fingerprint,
+    read_json,
 };
 use lumenav::scenario::ScenarioFile;
 use lumenav::{check, open_scenario, stage};
@@ -56,7 +58,8 @@ pub fn run(options: &RunOptions, registry: &Registry, verbosity: Verbosity) -> a
     let mut provenance = provenance::of_program(record, options.save_readings);
     provenance.inputs = provenance::inputs(&file.node)?;
     say_inputs(&provenance, verbosity);
-    let job = Job { file: &file, registry, seed, options, record, provenance, stop: &stop };
+    let checkpoints = options.checkpoints.as_deref().map(|folder| kept_in(folder, options)).transpose()?;
+    let job = Job { file: &file, registry, seed, options, record, provenance, checkpoints, stop: &stop };
     if options.trials > 1 {
         return super::trials::run_trials(&job, &out, verbosity);
     }
@@ -68,6 +71,14 @@ pub fn run(options: &RunOptions, registry: &Registry, verbosity: Verbosity) -> a
     let (folder, metrics) =
         job.run(0, &out, options.force, &mut progress).inspect_err(|_| say_if_stopped(&stop))?;
     print_result(&folder, &metrics, options.json, verbosity)
+}
+
+/// States of worlds in a folder: those of this very program, for another one may step a world otherwise.
+fn kept_in(folder: &Path, options: &RunOptions) -> anyhow::Result<Checkpoints> {
+    let program = std::env::current_exe().context("this program's own file")?;
+    let program = fingerprint(&program).context("this program's own file")?.sha256;
+    let every_ns = i64::from(options.checkpoint_every) * NANOSECONDS_PER_SECOND;
+    Ok(Checkpoints::new(folder, program.get(..16).unwrap_or(&program), every_ns))
 }
 
 /// What a stopped run leaves, and how to start again.
@@ -224,6 +235,7 @@ pub struct Job<'j> {
     pub options: &'j RunOptions,
     pub record: Record,
     pub provenance: Provenance,
+    pub checkpoints: Option<Checkpoints>,
     pub stop: &'j AtomicBool,
 }
 
@@ -243,7 +255,7 @@ impl Job<'_> {
         progress: &mut dyn RunObserver,
     ) -> anyhow::Result<(PathBuf, Metrics)> {
         let begin = std::time::Instant::now();
-        let built = stage(self.file, self.seed, trial)?;
+        let built = Stage { checkpoints: self.checkpoints.clone(), ..stage(self.file, self.seed, trial)? };
         let writer_options = WriterOptions {
             replace,
             save_readings: self.options.save_readings,

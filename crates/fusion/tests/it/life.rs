@@ -192,7 +192,7 @@ fn regress_a_measurement_from_before_the_prior_is_too_late() {
         rotation_sigma_deg: Positive(10.0),
         velocity_mm_s: [Finite(1.0), Finite(0.0), Finite(0.0)],
     };
-    let mut filter = Eskf::new(EskfOptions::default(), Vec::new()).with_prior(&prior);
+    let mut filter = Eskf::new(EskfOptions::default(), Vec::new()).with_prior(&prior, SimTime::ZERO);
     let early = position_fix("fix", 0, SimTime(-100_000_000), &Vector3::zeros(), 2e-3);
     assert!(matches!(filter.offer(early).verdict, Verdict::Refused(Refused::TooLate { .. })));
     let belief = filter.belief().unwrap();

@@ -175,6 +175,10 @@ impl Sensor for MagneticSensor {
         self.schedule.due(self.sequence)
     }
 
+    fn skip_to(&mut self, at: SimTime) {
+        self.sequence = self.schedule.first_from(at);
+    }
+
     fn observe(
         &mut self,
         truth: &dyn TruthView,

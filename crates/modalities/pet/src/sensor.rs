@@ -196,6 +196,10 @@ impl Sensor for PetSensor {
         self.schedule.due(self.sequence) + self.window_ns
     }
 
+    fn skip_to(&mut self, at: SimTime) {
+        self.sequence = self.schedule.first_from(at);
+    }
+
     fn look_back_ns(&self) -> i64 {
         self.window_ns
     }

@@ -37,6 +37,7 @@ pub fn truth(at: SimTime) -> CapsuleTruth {
 /// What the run says of itself.
 pub fn header(duration_s: f64, tracks: &[&str]) -> RunHeader {
     RunHeader {
+        observe_from_s: 0.0,
         scenario: "helix".into(),
         seed: 7,
         trial: 0,

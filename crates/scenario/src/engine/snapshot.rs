@@ -231,7 +231,7 @@ impl Engine {
     }
 
     /// FNV-1a over what the engine was built from: configuration, capsule, tract, motility, patient, obstacles and diverticula, each in full.
-    fn fingerprint(&self) -> u64 {
+    pub(crate) fn fingerprint(&self) -> u64 {
         let constant = self.fingerprint.get_or_init(|| {
             let mut hash = Fnv::default();
             hash.add(&format_args!("{:?}{:?}", self.config, self.capsule().shape));

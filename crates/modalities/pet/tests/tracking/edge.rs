@@ -7,6 +7,7 @@ use lumenav_core::Node;
 use lumenav_pet::tracking::{Mixture, MixtureOptions, Tracker};
 use lumenav_pet::{Line, Scanner};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use std::fmt::Write as _;
 use std::path::Path;
 
 const LINES: usize = 90;
@@ -59,8 +60,9 @@ fn tilted() -> Scanner {
     for angle in [0.0, 90.0, 180.0, 270.0_f64] {
         let (x, y) = angle.to_radians().sin_cos();
         for up in [-1.0, 1.0] {
-            text += &format!(
-                "[[block]]\ncentre_mm = [{:.6}, {:.6}, {:.6}]\noutward = [{:.9}, {:.9}, {:.9}]\ntangential = [{y:.9}, {:.9}, 0.0]\n",
+            let _ = writeln!(
+                text,
+                "[[block]]\ncentre_mm = [{:.6}, {:.6}, {:.6}]\noutward = [{:.9}, {:.9}, {:.9}]\ntangential = [{y:.9}, {:.9}, 0.0]",
                 440.0 * x,
                 440.0 * y,
                 95.0 * up,
