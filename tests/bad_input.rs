@@ -29,6 +29,7 @@ fn law_values_out_of_range_name_key_and_range() {
         ("track.magnetic.filter.kind=ukf", ["unknown filter `ukf`", "eskf"]),
         ("scenario.observe_from_s=2", ["scenario.observe_from_s", "less than duration_s = 2"]),
         ("scenario.observe_from_s=-1", ["scenario.observe_from_s", "0 or above"]),
+        ("scenario.observe_from_s=1e8", ["scenario.observe_from_s", "1e7"]),
         ("scenario.colour=red", ["unknown field `colour`", "duration_s"]),
         ("sensor.plane.reality.bias=1", ["unknown field `bias`", "bias_sigma_tesla"]),
         ("scenario.name=a/b", ["not allowed as a name", "A-Z"]),

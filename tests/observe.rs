@@ -1,6 +1,6 @@
 //! A scenario that is observed from a later instant on, and worlds whose states are kept.
 
-use crate::support::{Run, root, scratch};
+use crate::support::{Run, lumenav, root, scratch};
 use std::path::{Path, PathBuf};
 
 /// Runs a smoke scenario into a folder.
@@ -38,9 +38,64 @@ fn law_what_is_observed_later_is_what_was_there() {
             let truth = rows_from(&later.join("truth.tum"), ' ', 0.0);
             assert_eq!(truth, rows_from(&whole.join("truth.tum"), ' ', from_s), "{scenario}");
         }
-        let metrics = text(&later.join("metrics.json"));
-        assert!(metrics.contains("\"observe_from_s\":"), "{metrics}");
+        let metrics: serde_json::Value =
+            serde_json::from_str(&text(&later.join("metrics.json"))).expect("JSON");
+        assert_eq!(metrics["observe_from_s"], from_s);
+        for (track, figures) in metrics["tracks"].as_object().expect("tracks") {
+            let first_s = figures["time_to_first_fix_s"].as_f64().expect("a first fix");
+            assert!(first_s < 0.5, "{scenario} {track}: {first_s} s");
+        }
+        // What the world tells from there on it tells alike, and nothing of before.
+        let world = |run: &Path| -> Vec<String> {
+            let of_world = |row: &&str| row.contains("\"source\":\"world\"");
+            text(&run.join("events.jsonl")).lines().filter(of_world).map(str::to_owned).collect()
+        };
+        let instant = |row: &str| {
+            let row: serde_json::Value = serde_json::from_str(row).expect("JSON");
+            row["t_ns"].as_i64().expect("an instant")
+        };
+        let mut expected = world(&whole);
+        expected.retain(|row| instant(row) as f64 >= 1e9 * from_s);
+        assert_eq!(world(&later), expected, "{scenario}");
     }
+}
+
+/// The readings of a run that is observed later replay to its tracks, with a prior that is about the instant from which it is.
+#[test]
+fn law_a_replay_of_what_is_observed_later_is_the_run() {
+    let folder = scratch();
+    let scenario = folder.path().join("s.toml");
+    let prior = "[track.prior]\nposition_mm = [0, 0, 0]\nposition_sigma_mm = 30\nrotation_sigma_deg = 60\n";
+    let head = "[capsule]\nmodel = \"pillcam-magnet\"\n[[sensor]]\nname = \"plane\"\nmodality = \"magnetic\"\n\
+                [sensor.installed]\narray = \"plane-4x4-below\"\n";
+    let track = format!(
+        "[[track]]\nname = \"eskf\"\nsensors = [\"plane\"]\n{prior}[track.sensor.plane]\nfront_end = \"flux\"\n"
+    );
+    let truth = "[truth]\nkind = \"line\"\nfrom_mm = [-40, 0, 0]\nto_mm = [40, 0, 0]\nspeed_mm_s = 2.0\n";
+    let schedule = "[sensor.schedule]\nrate_hz = 10.0\n";
+    let names = "[scenario]\nname = \"later\"\nobserve_from_s = 20.0\n";
+    std::fs::write(&scenario, format!("{names}duration_s = 25.0\n{truth}{head}{schedule}{track}"))
+        .expect("a file");
+    let models = root().join("models");
+    let out = folder.path().join("run");
+    Run::new(&scenario).out(&out).arg("--save-readings").arg("--models").arg(&models).ok();
+    let replay = folder.path().join("r.toml");
+    let files = "[sensor.files]\nflux_csv = \"run/readings/plane.csv\"\n";
+    std::fs::write(&replay, format!("{names}{head}{files}{track}")).expect("a file");
+    let replayed = folder.path().join("replayed");
+    let output = lumenav()
+        .arg("replay")
+        .arg(&replay)
+        .arg("--out")
+        .arg(&replayed)
+        .arg("--models")
+        .arg(&models)
+        .output();
+    let output = output.expect("the program starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let rows = |run: &Path| rows_from(&run.join("eskf.tum"), ' ', 0.0);
+    assert!(rows(&out).len() > 40, "{:?}", rows(&out).len());
+    assert_eq!(rows(&replayed), rows(&out));
 }
 
 /// The states that a folder holds, the latest last.

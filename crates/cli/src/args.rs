@@ -176,7 +176,7 @@ pub struct RunOptions {
     #[arg(long, value_name = "FOLDER")]
     pub checkpoints: Option<PathBuf>,
     /// Simulated seconds between two states.
-    #[arg(long, value_name = "SECONDS", default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "SECONDS", default_value_t = 600, requires = "checkpoints", value_parser = clap::value_parser!(u32).range(1..))]
     pub checkpoint_every: u32,
     /// How much the recording keeps.
     #[arg(long, value_enum, default_value_t = Record::Bounded)]

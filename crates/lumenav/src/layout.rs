@@ -84,7 +84,7 @@ fn along_tract(file: &ScenarioFile, step_m: f64) -> Result<Vec<Vector3<f64>>, Co
 /// More poses than this are a typing error.
 const MOST_POSES: u64 = 10_000_000;
 
-/// Times (s) and poses of the capsule on its way through the scenario, of the scenario's own seed, at the instants `at` until its end. The
+/// Times (s) and poses of the capsule on its way through the scenario, of the scenario's own seed, at the instants `at` from where it is observed until its end. The
 /// design of a sensor knows the way that it is designed for; no estimate is made of it.
 fn along_path(
     file: &ScenarioFile,
@@ -105,7 +105,8 @@ fn along_path(
     };
     let mut world = crate::stage(file, file.scenario.seed, 0).map_err(failed)?.world;
     let mut poses = Vec::new();
-    for now in (0..MOST_POSES).map(at).take_while(|now| *now <= end) {
+    let begin = SimTime::from_seconds(file.scenario.observe_from_s.0);
+    for now in (0..MOST_POSES).map(at).skip_while(|now| *now < begin).take_while(|now| *now <= end) {
         world.advance_to(now).map_err(failed)?;
         poses.push((now.seconds(), world.truth().capsule(now).world_from_capsule));
         world.forget_before(now);

@@ -34,8 +34,8 @@ pub enum RunError {
         /// What is wrong and what is allowed.
         why: String,
     },
-    /// A kept state of the world cannot be written, read or used.
-    #[error("checkpoint {path}: {why}; a file that is damaged may be removed")]
+    /// A state of the world cannot be kept, read or used.
+    #[error("checkpoint {path}: {why} (states may be removed at any time)")]
     Checkpoint {
         /// The file.
         path: String,

@@ -22,7 +22,7 @@ pub struct RunHeader {
     pub trial: u64,
     /// End of the scenario; `None` in a replay (until the data end).
     pub duration_s: Option<f64>,
-    /// When it begins to be observed, s; 0 in a replay.
+    /// When it begins to be observed, s.
     pub observe_from_s: f64,
     /// The tracks in the file's order.
     pub tracks: Vec<TrackHeader>,

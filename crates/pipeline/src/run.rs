@@ -23,6 +23,7 @@ use lumenav_core::{
 };
 use lumenav_fusion::{Counters, Hindsight, Turn};
 use lumenav_scenario::file::RecordTable;
+use lumenav_scenario::world::WorldNote;
 use lumenav_scenario::{ScenarioFile, World};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
@@ -48,6 +49,8 @@ pub struct RunSummary {
     pub counters: BTreeMap<String, Counters>,
     /// Readings taken, over all sensors.
     pub readings: u64,
+    /// Why a state of the world could not be kept, the first time; the run went on.
+    pub not_kept: Option<String>,
 }
 
 /// A world with its map, ready to run.
@@ -169,9 +172,13 @@ pub fn replay(
         streams.push((name, stream, ahead));
     }
     let mut clock = ReplayClock::new(&file.record);
+    let begin = SimTime(nanoseconds(file.scenario.observe_from_s.0));
     while let Some(reading) = earliest(&mut streams, observers)? {
         if stop() {
             return Err(RunError::Stopped { at: reading.arrival });
+        }
+        if reading.interval.0 < begin {
+            continue;
         }
         clock.advance_to(reading.arrival, &tracks, observers)?;
         if let Some(truth) = truth.and_then(|truth| truth(reading.at())) {
@@ -267,6 +274,12 @@ impl ReplayClock {
         }
         Ok(())
     }
+}
+
+fn tell_notes(notes: &[WorldNote], observers: &mut Observers<'_>) -> Result<(), RunError> {
+    notes.iter().try_for_each(|note| {
+        observers.tell(&RunEvent::Note { at: note.at, source: "world", text: &note.text })
+    })
 }
 
 fn counters(tracks: &[Track]) -> BTreeMap<String, Counters> {
@@ -457,13 +470,15 @@ impl Simulation {
         observers: &mut Observers<'_>,
         stop: StopRequest<'_>,
     ) -> Result<(), RunError> {
-        // What is said before it runs.
-        self.pass_on_notes(observers)?;
         if self.begin == SimTime::ZERO {
             return Ok(());
         }
+        // Who does not look is told nothing but what still holds, wherever the world came from.
+        let mut notes = self.world.take_notes();
+        notes.retain(|note| note.standing);
+        notes.iter_mut().for_each(|note| note.at = self.begin);
         let mut at = SimTime::ZERO;
-        if let Some(checkpoints) = &self.checkpoints {
+        if let Some(checkpoints) = &mut self.checkpoints {
             let until = self.begin - self.keep_ns;
             at = checkpoints.take_up(&mut *self.world, until)?.unwrap_or(at);
         }
@@ -474,18 +489,25 @@ impl Simulation {
             at = (at + NANOSECONDS_PER_SECOND).min(self.begin);
             self.world.advance_to(at)?;
             self.world.forget_before(at - self.keep_ns);
-            // Who does not look is told nothing, wherever the world came from.
-            drop(self.world.take_notes());
-            self.keep_checkpoint(at)?;
+            notes.extend(self.world.take_notes().into_iter().filter(|note| note.at >= self.begin));
+            self.keep_checkpoint(at);
             observers.tell(&RunEvent::Unobserved { at })?;
         }
+        tell_notes(&notes, observers)?;
         self.sensors.iter_mut().for_each(|(_, sensor)| sensor.skip_to(self.begin));
         Ok(())
     }
 
-    fn keep_checkpoint(&self, at: SimTime) -> Result<(), RunError> {
-        let Some(checkpoints) = self.checkpoints.as_ref().filter(|all| all.is_due(at)) else { return Ok(()) };
-        self.world.checkpoint().map_or(Ok(()), |state| checkpoints.keep(at, &state))
+    /// A state that cannot be kept costs the next run time, and this one nothing.
+    fn keep_checkpoint(&mut self, at: SimTime) {
+        let Some(checkpoints) = &mut self.checkpoints else { return };
+        if !checkpoints.is_due(at) {
+            return;
+        }
+        let kept = self.world.checkpoint().map_or(Ok(()), |state| checkpoints.keep(at, &state));
+        if let Err(error) = kept {
+            self.summary.not_kept.get_or_insert(error.to_string());
+        }
     }
 
     fn go(&mut self, observers: &mut Observers<'_>, stop: StopRequest<'_>) -> Result<(), RunError> {
@@ -516,7 +538,7 @@ impl Simulation {
                         return Err(RunError::Stopped { at });
                     }
                     self.world.forget_before(at - self.keep_ns);
-                    self.keep_checkpoint(at)?;
+                    self.keep_checkpoint(at);
                     observers.tell(&RunEvent::Clock { at })?;
                     self.queue.insert((at + NANOSECONDS_PER_SECOND, Kind::Clock), None);
                 }
@@ -528,10 +550,7 @@ impl Simulation {
     }
 
     fn pass_on_notes(&mut self, observers: &mut Observers<'_>) -> Result<(), RunError> {
-        for note in self.world.take_notes() {
-            observers.tell(&RunEvent::Note { at: note.at, source: "world", text: &note.text })?;
-        }
-        Ok(())
+        tell_notes(&self.world.take_notes(), observers)
     }
 
     fn observe(&mut self, index: usize, at: SimTime, observers: &mut Observers<'_>) -> Result<(), RunError> {

@@ -132,16 +132,13 @@ impl Run {
                 (t.name.clone(), Drawn::new(format!("world/tracks/{}", t.name), "pose", palette::track(i)))
             })
             .collect();
-        let lasts_s = header.duration_s.unwrap_or(f64::INFINITY);
+        let lasts_s = header.duration_s.map_or(f64::INFINITY, |end_s| end_s - header.observe_from_s);
         let mut layout = Layout { has_truth: header.has_truth, lasts_s, ..Layout::default() };
         layout.paths = tracks.values().map(|t| entity(&format!("{}/path", t.root)).to_string()).collect();
         layout.paths.push("/world/capsule/path".to_owned());
         let mut run = Self {
             store,
-            pace: Pace {
-                full: options.full,
-                duration_s: header.duration_s.map(|end_s| end_s - header.observe_from_s),
-            },
+            pace: Pace { full: options.full, duration_s: header.duration_s.map(|_| lasts_s) },
             layout,
             truth: Drawn::new("world/capsule".to_owned(), "truth", palette::TRUTH),
             segment: None,
@@ -454,7 +451,7 @@ impl Run {
             self.tell(output, "refusals", Some(line), rerun::TextLogLevel::WARN)?;
         }
         let last = self.last;
-        self.layout.lasts_s = last.seconds();
+        self.layout.lasts_s = last.seconds() - self.header.observe_from_s;
         self.draw_bands(output, last)?;
         self.truth.lift(&mut self.store, output, last)?;
         for drawn in self.tracks.values_mut() {

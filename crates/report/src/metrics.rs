@@ -169,7 +169,7 @@ pub struct TrackMetrics {
     pub rms_of_error_over_bound: Option<f64>,
     /// Time from the instant an estimate is about until it was available.
     pub latency_ms: Option<ScalarSummary>,
-    /// When the first estimate was available.
+    /// When the first estimate was available, from where the scenario was observed.
     pub time_to_first_fix_s: Option<f64>,
     /// The same over stretches of the run that the scenario names (`[[period]]`).
     #[serde(default)]
@@ -438,7 +438,7 @@ impl Collector {
         (self.axis_count > 0).then(|| PerAxis { x: axis(0), y: axis(1), z: axis(2) })
     }
 
-    fn metrics(&mut self, has_truth: bool) -> TrackMetrics {
+    fn metrics(&mut self, has_truth: bool, observe_from_s: f64) -> TrackMetrics {
         let nees = self.nees();
         TrackMetrics {
             position_error_mm: self.position_mm.summary(),
@@ -465,7 +465,7 @@ impl Collector {
             rmse_over_bound: self.efficiency.efficiency().map(|e| e.rmse_over_bound),
             rms_of_error_over_bound: self.efficiency.efficiency().map(|e| e.rms_of_ratios),
             latency_ms: self.latency_ms.summary(),
-            time_to_first_fix_s: self.first_available.map(SimTime::seconds),
+            time_to_first_fix_s: self.first_available.map(|at| at.seconds() - observe_from_s),
             periods: self.periods.iter_mut().map(|p| (p.period.name.clone(), p.figures())).collect(),
             segments: self.segments.figures(),
         }
@@ -569,7 +569,9 @@ impl MetricsObserver {
             tracks: self
                 .tracks
                 .iter_mut()
-                .map(|(name, track)| (name.to_string(), track.metrics(header.has_truth)))
+                .map(|(name, track)| {
+                    (name.to_string(), track.metrics(header.has_truth, header.observe_from_s))
+                })
                 .collect(),
             sensors: self.sensors.iter().map(|(name, sensor)| (name.to_string(), *sensor)).collect(),
             controllers: self

@@ -22,7 +22,7 @@ pub struct Timing {
     pub wall_s: f64,
     /// Processor time of the whole program in that time, s; `null` where the system does not tell.
     pub cpu_s: Option<f64>,
-    /// Simulated time, s.
+    /// Simulated time that was observed, s.
     pub simulated_s: f64,
     /// Simulated seconds per second of wall time.
     pub realtime_factor: f64,
@@ -50,6 +50,7 @@ pub struct TimingObserver {
     tracks: BTreeMap<Name, BoundedQuantiles>,
     started: Option<(Instant, f64, Option<f64>)>,
     last: SimTime,
+    observe_from_s: f64,
 }
 
 impl TimingObserver {
@@ -61,6 +62,7 @@ impl TimingObserver {
             tracks: BTreeMap::new(),
             started: None,
             last: SimTime::ZERO,
+            observe_from_s: 0.0,
         }
     }
 
@@ -72,7 +74,7 @@ impl TimingObserver {
     fn close(&mut self) -> Result<(), ReportError> {
         let Some((clock, started_unix_s, cpu_before)) = self.started.take() else { return Ok(()) };
         let wall_s = clock.elapsed().as_secs_f64();
-        let simulated_s = self.last.seconds();
+        let simulated_s = (self.last.seconds() - self.observe_from_s).max(0.0);
         let tracks = self.tracks.iter().map(|(name, ms)| {
             let total_ms = ms.mean().unwrap_or(0.0) * ms.count() as f64;
             let timing = TrackTiming {
@@ -99,6 +101,7 @@ impl TimingObserver {
 impl RunObserver for TimingObserver {
     fn start(&mut self, header: &RunHeader) -> Result<(), ObserverError> {
         let unix = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
+        self.observe_from_s = header.observe_from_s;
         self.started = Some((Instant::now(), unix, processor_time_s()));
         self.tracks =
             header.tracks.iter().map(|track| (track.name.clone(), BoundedQuantiles::new())).collect();

@@ -136,12 +136,16 @@ impl EngineWorld {
         engine.settle().map_err(|error| capsule_node.error_at("start_arc_length_mm", &error.to_string()))?;
         let waves = WaveWatch::new(engine.lumen().motility());
         let history = TruthHistory::default();
-        let warned =
-            warnings.into_iter().map(|text| WorldNote { at: SimTime::ZERO, text: format!("tract: {text}") });
+        let warned = warnings.into_iter().map(|text| WorldNote {
+            at: SimTime::ZERO,
+            text: format!("tract: {text}"),
+            standing: true,
+        });
         let dated = told.into_iter().map(|(at_s, text)| (at_s, format!("motility: {text}")));
         let dated = dated.chain(engine.patient().into_iter().flat_map(|patient| patient.notes()));
-        let mut to_tell: Vec<WorldNote> =
-            dated.map(|(at_s, text)| WorldNote { at: SimTime::from_seconds(at_s), text }).collect();
+        let mut to_tell: Vec<WorldNote> = dated
+            .map(|(at_s, text)| WorldNote { at: SimTime::from_seconds(at_s), text, standing: false })
+            .collect();
         // The last is told first.
         to_tell.sort_by_key(|note| std::cmp::Reverse(note.at));
         let (loose, has_tether) = (table.loose.clone(), table.tether.is_some());
@@ -197,7 +201,7 @@ impl EngineWorld {
                 ),
                 EventKind::Left => format!("left the tract at {mm:.0} mm; its truth stays there"),
             };
-            self.notes.push(WorldNote { at: event.at, text });
+            self.notes.push(WorldNote { at: event.at, text, standing: false });
         }
         if !state.left {
             self.waves.look(state.at, state.arc_length_m, &mut self.notes);
@@ -268,6 +272,10 @@ impl World for EngineWorld {
     }
 
     fn checkpoint(&self) -> Option<Checkpoint> {
+        // Rapier's contacts remember what they were, and a snapshot does not hold them.
+        if !self.obstacles.is_empty() {
+            return None;
+        }
         // The engine's own bytes end where the stages of the waves begin.
         let snapshot = self.engine.snapshot();
         let mut bytes = (snapshot.len() as u64).to_le_bytes().to_vec();

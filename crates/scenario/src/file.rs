@@ -27,7 +27,8 @@ pub struct ScenarioTable {
     pub description: String,
     /// Length, s, at most 1e7 (four months). In a replay the data decide.
     pub duration_s: Option<Positive>,
-    /// Nobody looks before, s: sensors, tracks, log and recording begin here, in a world that has run since 0. Default 0.
+    /// Nobody looks before, s: sensors, tracks, log and recording begin here, in a world that has run since 0. In a replay, readings that begin
+    /// before are passed over. Default 0.
     #[serde(default)]
     pub observe_from_s: NonNegative,
     /// Seed of all random streams. Default 1.
@@ -504,7 +505,7 @@ impl ScenarioFile {
         let sensors = read_sensors(&node)?;
         let tracks = read_tracks(&node, &sensors)?;
         let controllers = read_controllers(&node, &sensors, &tracks)?;
-        let faults = read_faults(&node, &sensors)?;
+        let faults = read_faults(&node, &sensors, scenario.observe_from_s.0)?;
         let record_node = node.child_or_empty("record");
         let record: RecordTable = record_node.parse_sourced(&RECORD_SOURCES)?;
         check_range(&record_node, "truth_rate_hz", record.truth_rate_hz.0, 1e-6, 1e4)?;
@@ -532,13 +533,8 @@ impl ScenarioFile {
 
 fn check_times(node: &Node, scenario: &ScenarioTable) -> Result<(), ConfigError> {
     let from_s = scenario.observe_from_s.0;
-    let Some(duration_s) = scenario.duration_s else {
-        if from_s > 0.0 {
-            let message = "a replay is observed from its first reading on; leave this out";
-            return Err(node.error_at("observe_from_s", message));
-        }
-        return Ok(());
-    };
+    check_range(node, "observe_from_s", from_s, 0.0, 1e7)?;
+    let Some(duration_s) = scenario.duration_s else { return Ok(()) };
     check_range(node, "duration_s", duration_s.0, 1e-6, 1e7)?;
     if from_s >= duration_s.0 {
         let message = format!("the scenario has ended by then; give less than duration_s = {}", duration_s.0);
@@ -744,7 +740,7 @@ fn read_controllers(
     Ok(controllers)
 }
 
-fn read_faults(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<Fault>, ConfigError> {
+fn read_faults(node: &Node, sensors: &[SensorEntry], observe_from_s: f64) -> Result<Vec<Fault>, ConfigError> {
     let mut faults = Vec::new();
     for entry in node.children("fault")? {
         let fault: Fault = entry.parse()?;
@@ -758,6 +754,12 @@ fn read_faults(node: &Node, sensors: &[SensorEntry]) -> Result<Vec<Fault>, Confi
         check_range(&entry, "end_s", end, 0.0, 1e9)?;
         if let Fault::Delay { delay_ms, .. } = &fault {
             check_range(&entry, "delay_ms", delay_ms.0, 0.0, 1e9)?;
+        }
+        if matches!(fault, Fault::Stuck { .. }) && start < observe_from_s && observe_from_s < end {
+            let message = format!(
+                "what sticks holds a reading from before anybody looks; give at least observe_from_s = {observe_from_s}"
+            );
+            return Err(entry.error_at("start_s", &message));
         }
         if end <= start {
             return Err(

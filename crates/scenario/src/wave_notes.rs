@@ -57,7 +57,8 @@ impl WaveWatch {
             let centre_m = wave.at(time_s).centre_m;
             let away_widths = (centre_m - capsule_m).abs() / wave.width_m;
             let mut tell = |text: String| {
-                notes.push(WorldNote { at, text: format!("wave of {:.1} s {text}", wave.start_time_s) });
+                let text = format!("wave of {:.1} s {text}", wave.start_time_s);
+                notes.push(WorldNote { at, text, standing: false });
             };
             if *stage == Stage::Waiting && time_s >= wave.start_time_s {
                 let (way_mm, side) = (

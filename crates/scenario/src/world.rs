@@ -12,6 +12,8 @@ pub struct WorldNote {
     pub at: SimTime,
     /// In words.
     pub text: String,
+    /// Holds for the whole run (a doubt about the tract), and is told whenever it begins to be observed.
+    pub standing: bool,
 }
 
 /// A world's state.

@@ -261,6 +261,11 @@ impl Job<'_> {
             save_readings: self.options.save_readings,
             provenance: self.provenance.clone(),
         };
+        if trial == 0 && built.checkpoints.is_some() && built.world.checkpoint().is_none() {
+            complain!(
+                "--checkpoints: this world keeps no states (a path, or a tract with obstacles); it runs from zero"
+            );
+        }
         let mut writer = RunWriter::create(out, writer_options)?;
         writer.add_stage("build_world", begin.elapsed());
         let record_options = RecorderOptions { full: self.record == Record::Full };
@@ -279,7 +284,10 @@ impl Job<'_> {
         all.push(progress);
         let stop = || self.stop.load(Ordering::Relaxed);
         let mut observers = Observers::new(all);
-        simulate(self.file, self.registry, self.seed, trial, built, &mut observers, &stop)?;
+        let summary = simulate(self.file, self.registry, self.seed, trial, built, &mut observers, &stop)?;
+        if let Some(why) = summary.not_kept {
+            complain!("{why}; this run lacks nothing");
+        }
         if let Some(why) = viewer.as_ref().and_then(RrdRecorder::lost_viewer) {
             complain!("{why}; the files are whole");
         }

@@ -471,7 +471,7 @@ fn law_saved_readings_of_another_scanner_or_of_nothing_are_refused() {
         head.clone() + "0.025,0,0,0.05,0.05," + &text_of(&ROWS[..1], ",").replace("440.1", "340.1"),
     );
     let message = folder.error("reduced", "lines = \"pet.csv\"\nbad_rows = \"skip\"");
-    assert!(message.contains("scanner `reduced` could have told: all were refused (1)"), "{message}");
+    assert!(message.contains("all 1 were refused, the first: "), "{message}");
     let message = folder.error("allegro", "lines = \"pet.csv\"\nposes = { bed = \"pet.scanner.tum\" }");
     assert!(message.contains("no pose `bed`") && message.contains("`scanner`"), "{message}");
 }

@@ -167,10 +167,6 @@ impl Bodies {
         }
     }
 
-    pub(crate) fn obstacles(&self) -> usize {
-        self.obstacles
-    }
-
     pub(crate) fn pose(&self, index: usize) -> Isometry3<f64> {
         from_rapier(self.world.bodies[self.all[index].handle].position())
     }

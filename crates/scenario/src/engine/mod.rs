@@ -77,6 +77,7 @@ use mover::Mover;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use sleep::Sleep;
 use std::f64::consts::PI;
+use std::fmt::Write as _;
 use std::sync::Arc;
 use system::{System, Twist};
 use together::Together;
@@ -315,6 +316,8 @@ impl Engine {
     /// Puts something rigid into the tract; a capsule that already overlaps it is pushed out.
     pub fn insert_obstacle(&mut self, obstacle: &Obstacle) {
         self.bodies.insert(obstacle);
+        // Writing to a text never fails.
+        let _ = write!(self.inserted, "{obstacle:?}");
         self.sleep = Sleep::AWAKE;
     }
 

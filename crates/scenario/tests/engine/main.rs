@@ -419,6 +419,16 @@ fn law_a_snapshot_of_another_tract_or_motility_is_refused() {
         change(&mut other);
         assert!(make(&tract, &other).restore(&bytes).is_err(), "{what}");
     }
+    // As many obstacles, elsewhere or of another size.
+    let blocked = |x_m: f64, radius_m: f64| {
+        let mut engine = make(&tract, &motility);
+        engine.insert_obstacle(&Obstacle::Ball { centre_torso_m: Point3::new(x_m, 0.0, 0.9), radius_m });
+        engine
+    };
+    let bytes = blocked(0.006, 0.002).snapshot();
+    assert!(blocked(0.006, 0.002).restore(&bytes).is_ok());
+    assert!(blocked(0.005, 0.002).restore(&bytes).is_err(), "an obstacle elsewhere");
+    assert!(blocked(0.006, 0.003).restore(&bytes).is_err(), "a larger obstacle");
 }
 
 #[test]

@@ -36,8 +36,9 @@ pub(super) struct SavedReader {
     gathered: Option<Gathered>,
     last: Option<(SimTime, u64)>,
     has_read: bool,
-    /// Rows and readings that were passed over.
+    /// Rows and readings that were passed over, and why the first was.
     refused: u64,
+    first_refused: Option<String>,
     failed: bool,
 }
 
@@ -89,6 +90,7 @@ impl SavedReader {
             last: None,
             has_read: false,
             refused: 0,
+            first_refused: None,
             failed: false,
         })
     }
@@ -134,12 +136,14 @@ impl SavedReader {
     }
 
     fn nothing_read(&self) -> String {
-        let (name, refused) = (&self.scanner.name, self.refused);
-        match refused {
-            0 => "no reading in this file".to_owned(),
-            _ => format!(
-                "no reading in this file that scanner `{name}` could have told: all were refused ({refused})"
-            ),
+        match &self.first_refused {
+            None => "no reading in this file".to_owned(),
+            Some(first) => {
+                format!(
+                    "no reading in this file was taken: all {} were refused, the first: {first}",
+                    self.refused
+                )
+            }
         }
     }
 
@@ -276,6 +280,7 @@ impl Iterator for SavedReader {
             Ok(reading) => reading.map(|reading| Ok(Recorded::Reading(reading))),
             Err(error @ ModalityError::Row { .. }) if self.bad_rows == BadRows::Skip && !self.failed => {
                 self.refused += 1;
+                self.first_refused.get_or_insert(error.to_string());
                 Some(Ok(Recorded::Skipped(error)))
             }
             Err(error) => {
