@@ -65,7 +65,7 @@ fn law_what_is_observed_later_is_what_was_there() {
 fn law_a_replay_of_what_is_observed_later_is_the_run() {
     let folder = scratch();
     let scenario = folder.path().join("s.toml");
-    let prior = "[track.prior]\nposition_mm = [0, 0, 0]\nposition_sigma_mm = 30\nrotation_sigma_deg = 60\n";
+    let prior = "[track.prior]\nposition_mm = [0, 0, 0]\nrotation_vector_deg = [0, 0, 0]\nvelocity_mm_s = [0, 0, 0]\nposition_sigma_mm = 30\nrotation_sigma_deg = 60\n";
     let head = "[capsule]\nmodel = \"pillcam-magnet\"\n[[sensor]]\nname = \"plane\"\nmodality = \"magnetic\"\n\
                 [sensor.installed]\narray = \"plane-4x4-below\"\n";
     let track = format!(

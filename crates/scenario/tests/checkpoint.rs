@@ -1,7 +1,5 @@
 //! Worlds that go on from their kept states.
 
-#![expect(clippy::disallowed_types, reason = "world side: these tests look at the truth")]
-
 use lumenav_core::config::Node;
 use lumenav_core::{ModelFolder, SimTime};
 use lumenav_scenario::{ScenarioFile, World, build_world};
