@@ -42,6 +42,23 @@ fn regress_the_shipped_helix_is_what_its_command_makes() {
 }
 
 #[test]
+fn regress_the_shipped_lines_are_what_their_command_makes() {
+    is_what_its_command_makes(
+        "colon-pet.rrd",
+        "scenarios/colon-pet.toml",
+        &["scenario.duration_s=3"],
+        &[
+            "/world/capsule/truth",
+            "/world/tract/lumen",
+            "/world/sensors/scanner/blocks",
+            "/world/tracks/mixture/scanner/lines",
+            "/world/tracks/pet-eskf/path",
+            "/plots/nees/pet-eskf",
+        ],
+    );
+}
+
+#[test]
 fn regress_the_shipped_swallow_is_what_its_command_makes() {
     is_what_its_command_makes(
         "whole-exam-swallow.rrd",
