@@ -60,9 +60,9 @@ use voxels::Voxels;
 /// Triangles of a surface: fewer describe no gut, more are decimated first.
 const TRIANGLES: (usize, usize) = (100, 5_000_000);
 /// The largest side of a gut's box, m: a piece of 5 cm to a tall person's whole tract.
-const SIZE_M: (f64, f64) = (0.05, 1.2);
+pub(crate) const SIZE_M: (f64, f64) = (0.05, 1.2);
 /// Mean radius of a lumen, m (medians of 5 to 23 mm in five people; an inflated stomach 60 mm).
-const RADIUS_M: (f64, f64) = (0.002, 0.08);
+pub(crate) const RADIUS_M: (f64, f64) = (0.002, 0.08);
 /// Factors that a file's unit may have, m: micrometre, millimetre, centimetre, inch, decimetre, metre and their likely inversions.
 const FACTORS: [f64; 9] = [1e-6, 1e-3, 1e-2, 0.0254, 0.1, 1.0, 10.0, 100.0, 1000.0];
 /// What a gut's box usually measures, m.
@@ -296,10 +296,12 @@ impl Importer<'_> {
 
     fn unit_error(&self, size_m: f64, radius_m: f64) -> ImportError {
         let factor = self.options.factor;
-        let mut choices = FACTORS.map(|f| (f, size_m / factor * f));
+        // The one that was tried is none.
+        let others = FACTORS.into_iter().filter(|f| (f / factor - 1.0).abs() > 1e-9);
+        let mut suggestions: Vec<(f64, f64)> = others.map(|f| (f, size_m / factor * f)).collect();
         let misfit = |size_m: f64| (size_m / USUAL_SIZE_M).ln().abs();
-        choices.sort_by(|a, b| misfit(a.1).total_cmp(&misfit(b.1)));
-        let suggestions = [choices[0], choices[1], choices[2]];
+        suggestions.sort_by(|a, b| misfit(a.1).total_cmp(&misfit(b.1)));
+        suggestions.truncate(3);
         ImportError::Unit { file: self.file.clone(), size_m, radius_m, factor, suggestions }
     }
 

@@ -215,7 +215,7 @@ pub struct OesophagusConfig {
     /// How much stronger they are for each second since the swallow, 1/s, up to twice as strong: what stays makes the oesophagus contract
     /// harder (S). Default 0.02 (T).
     pub further_growth_per_s: NonNegative,
-    /// Mean speed, m/s. Default 0.031: harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) (S).
+    /// Mean speed, m/s. Default 0.031: about the harmonic mean of 0.030 (upper), 0.050 (middle) and 0.0215 (lower third) (S), which is 0.0301.
     pub speed_m_s: Positive,
     /// Amplitude. Default 0.36 [T: many a wave slides over a capsule that lies on its side].
     pub amplitude: Fraction,

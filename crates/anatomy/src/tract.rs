@@ -31,6 +31,11 @@ pub const NEIGHBOUR_M: f64 = 0.06;
 const SAME_POINT_M: f64 = 0.2e-3;
 /// Sampling step of the self-approach check, m.
 const SAMPLE_M: f64 = 0.002;
+/// Radii and lengths beyond which a file's unit is doubted, m: the narrowest lumen that a capsule passes and a filled stomach, and three times the longest gut.
+const ODD_RADII_M: [f64; 2] = [1e-3, 0.1];
+const ODD_LENGTH_M: f64 = 30.0;
+/// Places at which that is looked at.
+const ODD_SAMPLES: usize = 500;
 /// Samples of that check at most.
 const SAMPLE_LIMIT: f64 = 4000.0;
 
@@ -364,6 +369,26 @@ impl Tract {
         landmarks
     }
 
+    /// What no gut measures: a file in another unit.
+    fn odd_sizes(&self) -> Vec<String> {
+        let mut odd = Vec::new();
+        let samples = (0..=ODD_SAMPLES).map(|k| self.length_m() * k as f64 / ODD_SAMPLES as f64);
+        let radii = samples.map(|s| self.radii(s).resting_m);
+        let (least_m, most_m) =
+            radii.fold((f64::INFINITY, 0.0_f64), |(least, most), r| (least.min(r), most.max(r)));
+        if least_m < ODD_RADII_M[0] || most_m > ODD_RADII_M[1] {
+            odd.push(format!(
+                "its radii go from {:.3} to {:.1} mm; is the unit right?",
+                1e3 * least_m,
+                1e3 * most_m
+            ));
+        }
+        if self.length_m() > ODD_LENGTH_M {
+            odd.push(format!("it is {:.1} m long; is the unit right?", self.length_m()));
+        }
+        odd
+    }
+
     fn examine(&self, bridges: Vec<Bridge>) -> Result<TractReport, AnatomyError> {
         let overlaps = self.overlaps()?;
         let mut warnings: Vec<String> = bridges
@@ -377,6 +402,7 @@ impl Tract {
                 )
             })
             .collect();
+        warnings.extend(self.odd_sizes());
         if let Some(deepest) = overlaps.iter().max_by(|a, b| a.depth_m.total_cmp(&b.depth_m)) {
             warnings.push(format!(
                 "the lumen overlaps itself in {} places, by {:.1} mm where `{}` meets `{}` (at {:.3} m and {:.3} m)",

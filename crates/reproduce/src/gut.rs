@@ -63,4 +63,5 @@ const TUNED: &str = "on seeds 1000 and up (none of them here): grip 0.04 of the 
 waves to 23.6 s supine; amplitude of antral waves and share that opens the pylorus to a gastric median of 22 min; speeds, amplitudes, runs, direction and spread of contractions and grip of \
 the small bowel to quartiles of 157, 198 and 240 min upright, with a look at the traction of phases II and III, which also told that contractions have to keep clear of each other; amplitude of the fed \
 small bowel to 58 mN; rate (24 a day, where those of high amplitude are 6.9 to 10) and origins of the colon's mass movements to a median of 16 to 29 h; \
-nothing to speeds or gastric motion";
+nothing to speeds or gastric motion. \
+The three shipped guts are those of the tuning; what a seed draws is new, and upright the oesophagus draws nothing that matters: its persons are three lengths";

@@ -431,6 +431,18 @@ fn law_bad_patients_are_refused_at_their_line() {
             "s.toml:15:13: `patient.event[0].direction`: has the length 0e0; give a vector such as [0, 0, 1]",
         ),
         (
+            event("kind = \"cough\"\nat_s = 1\n[[patient.event]]\nkind = \"cough\"\nat_s = 1.1"),
+            "s.toml:17:8: `patient.event[1].at_s`: begins at 1.1 s, while the cough before it lasts until 1.3",
+        ),
+        (
+            event("kind = \"table\"\nat_s = 1\nby_mm = [3000, 0, 4000]\nduration_s = 0.5"),
+            "s.toml:16:14: `patient.event[0].duration_s`: 5.00 m in 0.5 s are 10.0 m/s; allowed: up to 1",
+        ),
+        (
+            "breathing_amplitude_mm = 90\nbreathing_period_s = 0.5".to_owned(),
+            "s.toml:12:26: `patient.breathing_amplitude_mm`: 90 mm every 0.5 s is more than 5 m/s²; allowed: up to 31.7",
+        ),
+        (
             event("kind = \"posture\"\nat_s = 1\nto = \"left-lateral\"\nduration_s = 0.01"),
             "s.toml:16:14: `patient.event[0].duration_s`",
         ),

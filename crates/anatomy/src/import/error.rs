@@ -1,5 +1,6 @@
 //! What can be wrong with a person's surface.
 
+use super::{RADIUS_M, SIZE_M};
 use crate::error::AnatomyError;
 use crate::segment::SegmentKey;
 use nalgebra::Point3;
@@ -72,12 +73,12 @@ pub enum ImportError {
         file: String,
         /// Largest side of its box with the factor used, m.
         size_m: f64,
-        /// Mean radius of its lumen with the factor used, m; 0 where it encloses nothing.
+        /// Mean radius of its lumen with the factor used, m; 0 where the box alone tells that it is none.
         radius_m: f64,
         /// Factor used, m per unit of the file.
         factor: f64,
         /// Factors that come nearest to a gut, with the size each gives, m.
-        suggestions: [(f64, f64); 3],
+        suggestions: Vec<(f64, f64)>,
     },
     /// A rim that is too wide to be closed without being asked.
     #[error(
@@ -241,12 +242,26 @@ fn label_question(asked: &[i64], found: &[i64]) -> String {
     }
 }
 
-fn unit_question(size_m: f64, radius_m: f64, factor: f64, suggestions: &[(f64, f64); 3]) -> String {
-    let choices = suggestions.map(|(factor, size_m)| format!("{factor} (its box is then {size_m:.3} m)"));
+fn unit_question(size_m: f64, radius_m: f64, factor: f64, suggestions: &[(f64, f64)]) -> String {
+    let choices: Vec<String> = suggestions
+        .iter()
+        .map(|(factor, size_m)| format!("{factor} (its box is then {size_m:.3} m)"))
+        .collect();
+    let lumen = if radius_m > 0.0 {
+        format!(
+            " and its lumen {:.3} mm in radius (a gut's: {:.0} to {:.0})",
+            1e3 * radius_m,
+            1e3 * RADIUS_M.0,
+            1e3 * RADIUS_M.1
+        )
+    } else {
+        String::new()
+    };
     format!(
-        "with {factor} m per unit its box is {size_m:.4} m and its lumen {:.3} mm in radius, which is no gut; which unit has \
-         the file? Factors that come nearest: {}",
-        1e3 * radius_m,
+        "with {factor} m per unit its box is {size_m:.4} m (a gut's: {} to {}){lumen}, which is no gut; which unit has the file? \
+         Factors that come nearest: {}",
+        SIZE_M.0,
+        SIZE_M.1,
         choices.join(", ")
     )
 }

@@ -185,6 +185,11 @@ fn rays(tree: &Bvh, from: &Point3<f64>, normal: &Vector3<f64>, binormal: &Vector
     })
 }
 
+/// Whether there is no wall in half of all directions and more: outside, where waypoints lead the line over a gap.
+fn is_open(rays: &[f64; DIRECTIONS]) -> bool {
+    2 * rays.iter().filter(|ray_m| **ray_m >= FURTHEST_WALL_M).count() >= DIRECTIONS
+}
+
 fn median(rays: &[f64; DIRECTIONS]) -> f64 {
     let mut sorted = *rays;
     sorted.sort_unstable_by(f64::total_cmp);
@@ -205,6 +210,9 @@ fn centre(
             return *point;
         }
         let (normal, binormal) = across(tangent);
+        if is_open(&rays(tree, point, &normal, &binormal)) {
+            return *point;
+        }
         match outline.and_then(|outline| exits(tree, outline, points, i, (&normal, &binormal))) {
             Some(rays) => short_of_wall(tree, point, centroid(&rays, &normal, &binormal)),
             None => point + centroid(&rays(tree, point, &normal, &binormal), &normal, &binormal),
@@ -339,7 +347,7 @@ fn measure(
             }
         }
         stations.push(ImportStation { point_m: *point, radius_m: median(&rays_m), rays_m, normal });
-        if (from..=to).contains(&i) && !bridges.hold(point) {
+        if (from..=to).contains(&i) && !bridges.hold(point) && !is_open(&rays_m) {
             in_lumen = i;
         }
         section_of.push(in_lumen);

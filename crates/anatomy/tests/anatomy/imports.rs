@@ -387,6 +387,24 @@ fn law_of_a_double_wall_the_inner_face_stays() {
     assert_eq!(repair.count, 2 * 100 * SIDES);
 }
 
+/// Waypoints lead over a gap that is open on both sides: there is no wall to measure, and the radius is that of the lumen beside it.
+#[test]
+fn law_a_gap_that_waypoints_lead_over_has_the_radius_of_what_is_beside_it() {
+    for gap_m in [0.012, 0.02, 0.04] {
+        let along = |from_m: f64, t: f64| (Point3::new(0.0, from_m + 0.2 * t, 0.0), Vector3::y());
+        let second_m = 0.2 + gap_m;
+        let mesh = open_tube(101, 0.008, |t| along(0.0, t));
+        let mesh = mesh.with(&open_tube(101, 0.008, |t| along(second_m, t)));
+        let at = |y_m: f64| Point3::new(0.0, y_m, 0.0);
+        let waypoints_m = vec![at(0.002), at(0.19), at(second_m + 0.01), at(second_m + 0.198)];
+        let options = ImportOptions { waypoints_m, ..ImportOptions::default() };
+        let tract = import("gap.stl", &mesh.stl(), &options).unwrap();
+        let widest_m = tract.stations.iter().map(|station| station.radius_m).fold(0.0, f64::max);
+        assert!(widest_m < 0.0085, "{gap_m}: {widest_m}");
+        assert!((tract.length_m / (0.396 + gap_m) - 1.0).abs() < 0.03, "{gap_m}: {}", tract.length_m);
+    }
+}
+
 #[test]
 fn law_a_tract_file_reads_back_and_tells_its_origin() {
     let mesh = tube(101, 0.008, s_bend)

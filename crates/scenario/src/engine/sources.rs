@@ -26,6 +26,9 @@ pub const ENGINE_SOURCES: [(&str, &str); 17] = [
     ("cap_stiffness_newton_per_m", "believed: the capsule's weight gives 0.05 mm"),
     ("cap_damping_newton_s_per_m", "believed: that of a ring of the wall"),
     ("stalled_after_s", "chosen: ten minutes, longer than the rests between small-bowel contractions"),
-    ("retained_after_s", "chosen: above the longest rest expected between two mass movements"),
+    (
+        "retained_after_s",
+        "chosen: of a healthy colon, too, a capsule may rest so long; clinically retention is two weeks and more (Cave et al. 2005)",
+    ),
     ("stalled_distance_m", "chosen: less than half a capsule's length is no way"),
 ];

@@ -268,6 +268,15 @@ impl PatientConfig {
             check_range(node, key, value, 0.0, high)?;
         }
         check_range(node, "breathing_period_s", config.breathing_period_s.0, 0.5, 100.0)?;
+        let rate_rad_s = std::f64::consts::TAU / config.breathing_period_s.0;
+        let most_mm = 1e3 * MOST_BREATH_M_S2 / rate_rad_s.powi(2);
+        if config.breathing_amplitude_mm.0 > most_mm {
+            let message = format!(
+                "{} mm every {} s is more than {MOST_BREATH_M_S2} m/s²; allowed: up to {most_mm:.1}",
+                config.breathing_amplitude_mm.0, config.breathing_period_s.0
+            );
+            return Err(node.error_at("breathing_amplitude_mm", &message));
+        }
         if entries.len() > MOST_EVENTS {
             let message = format!("{} events; at most {MOST_EVENTS} are allowed", entries.len());
             return Err(node.error_at("event", &message));
@@ -277,6 +286,7 @@ impl PatientConfig {
             check_numbers(&event, entry)?;
             config.event.push(event);
         }
+        check_coughs(&config, &entries)?;
         check_order(&config, &entries)?;
         Ok(config)
     }
@@ -284,6 +294,10 @@ impl PatientConfig {
 
 /// Furthest that a cough throws the gut, m (B).
 const MOST_COUGH_M: f64 = 0.1;
+/// Fastest table, m/s in the mean (B: tables of scanners go at some 0.2).
+const MOST_TABLE_M_S: f64 = 1.0;
+/// Largest acceleration of a breath, m/s² (B): 30 mm in a second have 1.2.
+const MOST_BREATH_M_S2: f64 = 5.0;
 /// Largest acceleration of a step, m/s² (B).
 const MOST_STEP_M_S2: f64 = 20.0;
 /// More events are refused: each costs time at each step.
@@ -340,9 +354,36 @@ fn check_numbers(event: &PatientEvent, entry: &Node) -> Result<(), ConfigError> 
         }
         PatientEvent::Table(ride) => {
             ride.by_mm.iter().try_for_each(|by| range("by_mm", by.0, -1e4, 1e4))?;
-            range("duration_s", ride.duration_s.0, 0.5, 1e4)
+            range("duration_s", ride.duration_s.0, 0.5, 1e4)?;
+            let way_m = 1e-3 * ride.by_mm.iter().map(|by| by.0 * by.0).sum::<f64>().sqrt();
+            if way_m <= MOST_TABLE_M_S * ride.duration_s.0 {
+                return Ok(());
+            }
+            let message = format!(
+                "{way_m:.2} m in {} s are {:.1} m/s; allowed: up to {MOST_TABLE_M_S}",
+                ride.duration_s.0,
+                way_m / ride.duration_s.0
+            );
+            Err(entry.error_at("duration_s", &message))
         }
     }
+}
+
+/// Coughs come one after another: their throws would add up.
+fn check_coughs(config: &PatientConfig, entries: &[Node]) -> Result<(), ConfigError> {
+    let is_cough = |event: &PatientEvent| matches!(event, PatientEvent::Cough(_));
+    let mut order: Vec<usize> = (0..entries.len()).filter(|i| is_cough(&config.event[*i])).collect();
+    order.sort_by(|a, b| config.event[*a].interval_s()[0].total_cmp(&config.event[*b].interval_s()[0]));
+    for pair in order.windows(2) {
+        let [[_, free_s], [from_s, _]] = [pair[0], pair[1]].map(|i| config.event[i].interval_s());
+        if from_s < free_s {
+            let message = format!(
+                "begins at {from_s} s, while the cough before it lasts until {free_s} s; allowed: from {free_s} on"
+            );
+            return Err(entries[pair[1]].error_at(config.event[pair[1]].begins(), &message));
+        }
+    }
+    Ok(())
 }
 
 /// Turns and walks come one after another, and who walks stands.
