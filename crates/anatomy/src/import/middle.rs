@@ -210,12 +210,12 @@ fn centre(
             return *point;
         }
         let (normal, binormal) = across(tangent);
-        if is_open(&rays(tree, point, &normal, &binormal)) {
-            return *point;
-        }
         match outline.and_then(|outline| exits(tree, outline, points, i, (&normal, &binormal))) {
             Some(rays) => short_of_wall(tree, point, centroid(&rays, &normal, &binormal)),
-            None => point + centroid(&rays(tree, point, &normal, &binormal), &normal, &binormal),
+            None => {
+                let rays = rays(tree, point, &normal, &binormal);
+                if is_open(&rays) { *point } else { point + centroid(&rays, &normal, &binormal) }
+            }
         }
     };
     (0..points.len()).map(moved).collect()
