@@ -210,13 +210,12 @@ fn centre(
             return *point;
         }
         let (normal, binormal) = across(tangent);
-        match outline.and_then(|outline| exits(tree, outline, points, i, (&normal, &binormal))) {
-            Some(rays) => short_of_wall(tree, point, centroid(&rays, &normal, &binormal)),
-            None => {
-                let rays = rays(tree, point, &normal, &binormal);
-                if is_open(&rays) { *point } else { point + centroid(&rays, &normal, &binormal) }
-            }
+        let exits = outline.and_then(|outline| exits(tree, outline, points, i, (&normal, &binormal)));
+        if let Some(rays) = exits {
+            return short_of_wall(tree, point, centroid(&rays, &normal, &binormal));
         }
+        let rays = rays(tree, point, &normal, &binormal);
+        if is_open(&rays) { *point } else { point + centroid(&rays, &normal, &binormal) }
     };
     (0..points.len()).map(moved).collect()
 }
